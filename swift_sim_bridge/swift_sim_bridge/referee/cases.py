@@ -175,9 +175,7 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     Raises:
         UsageError: the family or the effect is unknown.
     """
-    for kind, name, known in (("family", family, FAMILIES), ("effect", effect or "mass", KNOWN)):
-        if name not in known:
-            raise UsageError(f"the {kind} '{name}' is unknown; known are {', '.join(known)}")
+    _check_names(family, effect)
     rng = np.random.default_rng([seed, 101, list(FAMILIES).index(family)])
     nominal = vehicles.draw_vehicle(rng, f"racer {rng.integers(10**6):06d}")
     nominal = without_battery(nominal) if for_rotorpy else nominal
@@ -186,10 +184,7 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     names = [name for name, _ in chosen]
     kind = _kind(family, names, rng)
     path = _path(rng, nominal, kind, family)
-    true, hidden = nominal, []
-    for name, factor in chosen:
-        true, one = _hide(true, name, factor or float(rng.choice(MULTIPLES)), rng, path)
-        hidden.append(one)
+    true, hidden = _hide_all(nominal, chosen, rng, path)
     notes = {"path": kind}
     if family == "pose_commands":
         true, one, notes["change"] = _with_change(true, seed, rng, for_rotorpy)
@@ -206,9 +201,7 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
         logger = foreign_logger.draw_logger(rng)
         true, notes["small"] = _with_small_errors(true, names, rng, path, for_rotorpy)
         notes |= logger.notes
-    pilot = _other_gains(nominal, rng) if family == "null_pilot" else nominal
-    roughness = STRONG_ROUGHNESS if family == "gusty" else float(rng.uniform(*ROUGHNESS))
-    order = Order(true, pilot, path, 2 * seed, true["sensors"]["gyro_rad_s"], roughness)
+    order = _order(family, seed, rng, true, nominal, path)
     other = _path(rng, nominal, "gates" if kind in ("lissajous", "hover") else kind, "held out")
     lacking = str(rng.choice(list(MISSING_CHANNELS))) if family == "lacking" else ""
     if "pad" in names:  # another path would miss the place
@@ -226,6 +219,20 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
         lacking=lacking,
         notes=notes,
     )
+
+
+def _check_names(family: str, effect: str):
+    """Raise UsageError if a family, or an effect that is not empty, is unknown."""
+    for kind, name, known in (("family", family, FAMILIES), ("effect", effect or "mass", KNOWN)):
+        if name not in known:
+            raise UsageError(f"the {kind} '{name}' is unknown; known are {', '.join(known)}")
+
+
+def _order(family: str, seed: int, rng, true: dict, nominal: dict, path: paths.Path) -> Order:
+    """Return the flight of a true vehicle that is flown as the nominal one, along a path."""
+    pilot = _other_gains(nominal, rng) if family == "null_pilot" else nominal
+    roughness = STRONG_ROUGHNESS if family == "gusty" else float(rng.uniform(*ROUGHNESS))
+    return Order(true, pilot, path, 2 * seed, true["sensors"]["gyro_rad_s"], roughness)
 
 
 def _with_change(content: dict, seed: int, rng, for_rotorpy: bool) -> tuple[dict, dict, str]:
@@ -321,6 +328,15 @@ def _far_file(content: dict, seed: int, rng, for_rotorpy: bool) -> tuple[dict, H
     size = max(abs(wrong[at] - true[at]) for at in true)
     texts = ({path_text(at): value for at, value in values.items()} for values in (true, wrong))
     return conceal(content, wrong), Hidden(name, size, size / EFFECTS[name].detectable, *texts), factor
+
+
+def _hide_all(content: dict, chosen: list[tuple[str, float]], rng, path: paths.Path) -> tuple[dict, list[Hidden]]:
+    """Return the content with all chosen effects, given by name and size (see `_chosen`), and the effects."""
+    hidden = []
+    for name, multiple in chosen:
+        content, one = _hide(content, name, multiple or float(rng.choice(MULTIPLES)), rng, path)
+        hidden.append(one)
+    return content, hidden
 
 
 def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> tuple[dict, Hidden]:

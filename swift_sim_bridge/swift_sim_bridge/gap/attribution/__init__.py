@@ -9,4 +9,5 @@ payload: a load, of which mass, centre of mass and inertia are parts
 model_comparison: effects against equations
 stepwise_search: additions, replacements and removals of effects
 search: the selection of effects, in this order
+likeliest: of effects that look alike the likeliest one
 """

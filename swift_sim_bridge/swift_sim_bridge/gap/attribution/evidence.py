@@ -104,6 +104,16 @@ class SelectedEffect:
             return "ambiguous"
         return "confirmed" if self.is_certain else "tentative"
 
+    @property
+    def likeliest(self) -> str:
+        """Key of the likeliest of its confounders, its own if there is none."""
+        return max(self.confounders, key=self.confounders.__getitem__, default=self.effect.key)
+
+    def without_confounders(self, keys) -> "SelectedEffect":
+        """Return the effect without some of its confounders, given by key."""
+        kept = {key: weight for key, weight in self.confounders.items() if key not in keys}
+        return replace(self, confounders={key: weight / sum(kept.values()) for key, weight in kept.items()})
+
 
 @dataclass(frozen=True)
 class Unexplained:

@@ -23,6 +23,7 @@ from swift_sim_bridge.gap.attribution.wind import select_local_wind
 from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
+from swift_sim_bridge.gap.inference.confounders import find_confounders, is_large
 from swift_sim_bridge.gap.inference.row_sampling import row_bounds
 from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
@@ -55,8 +56,8 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
         if wind_rejected:  # the local force remains, to be described by an equation
             evidence = _with_local_features(evidence, vehicle, keys, values)
         explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
-    selected = _described(evidence, vehicle, explanation) if explanation.keys else []
-    selected = _beyond_rows(evidence, vehicle, selected)
+    selected = described(evidence, vehicle, explanation) if explanation.keys else []
+    selected = beyond_rows(evidence, vehicle, selected)
     left = unexplained_channels(evidence, residuals_at(evidence, vehicle), explanation.residuals)
     doubtful = {one.channel.layer for one in left}  # an effect there may stand for a part of what is left
     selected = [replace(one, is_certain=one.is_certain and one.effect.layer not in doubtful) for one in selected]
@@ -92,7 +93,7 @@ def _withdrawn(evidence: Evidence, vehicle: Vehicle, called_for: dict, kept) -> 
     return tuple(sorted(found, key=lambda one: -one.significance))
 
 
-def _beyond_rows(evidence: Evidence, vehicle: Vehicle, selected: list[SelectedEffect]) -> list[SelectedEffect]:
+def beyond_rows(evidence: Evidence, vehicle: Vehicle, selected: list[SelectedEffect]) -> list[SelectedEffect]:
     """Return the effects without those that what the recordings leave open between two rows may cause.
 
     The interval of the others is as much wider.
@@ -107,38 +108,32 @@ def _beyond_rows(evidence: Evidence, vehicle: Vehicle, selected: list[SelectedEf
     return found
 
 
-def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -> list[SelectedEffect]:
+def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -> list[SelectedEffect]:
     """Return the effects of an explanation with their covariances, significances and confounders."""
     effects = {effect.key: effect for effect in evidence.effects}
     keys, values = list(explanation.keys), explanation.values
     problem = selection_problem_at(evidence, vehicle, effects, keys, values)
     bare = problem_without_variants(evidence, vehicle, effects, keys, values) or problem
     _, covariance = gauss_newton_fit(evidence, vehicle, [effects[key] for key in keys], values)
-    links = [one.recording.command_link for one in evidence.residual_models]
     found = []
     for key in keys:
         others, effect = [other for other in keys if other != key], effects[key]
         _, significance = stepwise.accepts(problem, others, key)
         own = bare if effect.exclusive else problem
-        confounders = stepwise.find_confounders(own, keys, key, other_variants(others, effects))
+        confounders = find_confounders(own, keys, key, other_variants(others, effects))
         change = values[key] - file_values(effect, vehicle)
         changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
         certain = few and key not in explanation.uncertain and not explanation.terms
-        if effect.layer == "camera" or "rate_loop" in effect.channels:
-            # errors that last longer than a second: a detector's bias in a view, the frequency of a rate loop
-            covariance[key] = inflated_covariance(problem, keys, effect)
-        if effect.layer == "command" and all(links):
-            covariance[key][0, 0] += command_link.chance_variance(effect.id, values[key], links)
         found.append(
             SelectedEffect(
                 effect=effect,
                 values=values[key],
-                covariance=covariance[key],
+                covariance=widened_covariance(evidence, problem, effect, values, covariance),
                 significance=significance,
                 confounders=confounders,
                 changes=changes,
-                is_certain=certain and stepwise.is_large(problem, others, key),
+                is_certain=certain and is_large(problem, others, key),
             )
         )
     return found
@@ -150,6 +145,28 @@ def _with_local_features(evidence: Evidence, vehicle: Vehicle, keys: list[str], 
     lines = residuals_at(evidence, with_effects(vehicle, effects, values))
     library = feature_library.with_local_features(evidence.library, evidence.residual_models, lines, evidence.sigmas)
     return replace(evidence, library=library)
+
+
+def widened_covariance(
+    evidence: Evidence, problem: SelectionProblem, effect: Effect, values: dict, covariance: dict
+) -> np.ndarray:
+    """Return the covariance (k, k) of one of several effects, with what the seconds of a flight do not show.
+
+    Args:
+        evidence: the recordings.
+        problem: the selection problem about the vehicle with the effects.
+        effect: the effect.
+        values: values of the effects, by key.
+        covariance: their covariances from the fit, by key.
+    """
+    own, links = covariance[effect.key], [one.recording.command_link for one in evidence.residual_models]
+    if effect.layer == "camera" or "rate_loop" in effect.channels:
+        # errors that last longer than a second: a detector's bias in a view, the frequency of a rate loop
+        own = inflated_covariance(problem, list(values), effect)
+    if effect.layer == "command" and all(links):
+        own = own.copy()
+        own[0, 0] += command_link.chance_variance(effect.id, values[effect.key], links)
+    return own
 
 
 def inflated_covariance(problem: SelectionProblem, keys: list[str], effect: Effect) -> np.ndarray:

@@ -6,7 +6,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import model_comparison
 from swift_sim_bridge.gap.attribution.evidence import Evidence
 from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, selection_problem_at
-from swift_sim_bridge.gap.inference import stepwise
+from swift_sim_bridge.gap.inference import confounders, stepwise
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
 
 MAX_RIVALS = 2  # effects that explain nearly as much to first order as the best, which the simulation compares with it
@@ -123,7 +123,7 @@ def _rivals(problem: SelectionProblem, keys: list[str], key: str, excluded: set[
     """
     base, others = problem.gain(keys), set(problem.slices) - {*keys, key} - excluded
     gains = {other: problem.gain([*keys, other]) - base for other in (key, *others)}
-    least = (1.0 - stepwise.MAX_CONFOUNDER_LOSS) * gains[key]
+    least = (1.0 - confounders.MAX_CONFOUNDER_LOSS) * gains[key]
     similar = sorted((other for other in others if gains[other] > least), key=gains.__getitem__)
     return [other for other in similar[::-1] if stepwise.accepts(problem, keys, other)[0]][:MAX_RIVALS]
 
@@ -173,11 +173,11 @@ def _replacement(
     found = []
     for key in keys:
         others = [one for one in keys if one != key]
-        candidate, lead = stepwise.better_replacement(problem, others, key, other_variants(others, effects))
+        candidate, lead = confounders.better_replacement(problem, others, key, other_variants(others, effects))
         found += [(lead, [key], candidate)] if candidate else []
     if found:
         return max(found)[1:]
-    return stepwise.simpler_replacement(problem, keys, lambda others: other_variants(others, effects))
+    return confounders.simpler_replacement(problem, keys, lambda others: other_variants(others, effects))
 
 
 def problem_without_variants(

@@ -1,63 +1,50 @@
 """Search for the equation that the vehicle file can carry: few summands of forces, moments, motor speeds and voltage.
 
-The products are computed by the functions that the simulator flies (`physics.terms.quantities`). One after the other is
-chosen by how much of the error in one half of the flight it removes with the coefficient of the other half: a product
-whose coefficient differs from one half to the other is none.
+One product after the other (see `equation_products`) is chosen by how much of the error in one half of the flight it
+removes with the coefficient of the other half: a product whose coefficient differs from one half to the other is none.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import combinations_with_replacement
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.discovery.equation_products import products_of_recording, ranges_of
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
-from swift_sim_bridge.gap.residuals import physics_replay
-from swift_sim_bridge.gap.residuals.channels import ANGULAR_ACCELERATION, ROTOR_SPEED, SPECIFIC_FORCE, VOLTAGE, Channel
-from swift_sim_bridge.gap.residuals.filters import apply, averaged, derivative, lagged
+from swift_sim_bridge.gap.residuals.propulsion import MAX_ABOVE_FULL_V, voltage_above_full
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
-from swift_sim_bridge.gap.residuals.sensor_correction import correct
-from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
-from swift_sim_bridge.physics.terms import equation, quantities, registry
-from swift_sim_bridge.physics.terms.motion import Instant, Motion, instant_of
-from swift_sim_bridge.physics.terms.vectors import stack, vector
-from swift_sim_bridge.sensors.terms import sensor_terms
+from swift_sim_bridge.physics.terms import equation, quantities
 
 MAX_SUMMANDS = 4  # of one left side; more remove little and are harder to read
+MAX_SUMMANDS_OF_VOLTAGE = 1  # powers of the current are so similar that two of them would cancel each other
 MIN_REMOVED_SHARE = 0.02  # of the error of a left side beyond its noise, that a summand must remove
 MIN_EXCESS_SHARE = 0.05  # of the squares of a left side's noise, which its error beyond the noise is taken to be
-MIN_GAIN = 40.0  # squares of independent samples that a summand must remove; noise gives 10 to the best of 100
+MIN_GAIN = 20.0  # squares of independent samples that a summand must remove; noise gives 10 to the best of 100
 MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they may differ
 TIE_SHARE = 0.02  # of that error, by which a simpler product may remove less than the best one
 MIN_INDEPENDENT_SHARE = 1e-3  # of a product's square that the chosen ones do not contain
 ONE_HALF_SHARE = 0.02  # of a product's square, below which a half of the flight does not show it
 BEND = 1e-6  # of the sum of squares of a product, added for products that are zero in one half
 
-RATES, SPEEDS = ("omega_x", "omega_y", "omega_z"), ("v_x", "v_y", "v_z")
-AIR = ("", "v_x", "v_y", "v_z", "v_xy", "v_xy^2", "mu^2", "mu^3", "sink", "sink^2", "sink^3", "ring", "ground")
-IN_MOTION = (
-    "1",
-    *SPEEDS,
-    *RATES,
-    "|v|",
-    "v_xy",
-    "v_xy^2",
-    "v_xy v_z",
-    "min(v_z,0)",
-    *(f"|v| {v}" for v in SPEEDS),
-    *(" ".join(pair) for pair in combinations_with_replacement((*SPEEDS, *RATES), 2)),
-    *(f"thrust {one}".strip() for one in (*AIR, *RATES)),
-    *(f"Omega {one}" for one in (*SPEEDS, *RATES)),
-    *(f"spin_Omega {one}" for one in (*SPEEDS[:2], *RATES[:2])),
-    "spin_Omega'",
-    *(f"{name}_{axis}" for name in ("up", "east", "north") for axis in "xyz"),
-)
-OF_MOTOR = ("1", "u", "sqrt(u)", "u^2", "U", "U u", "U sqrt(u)", "Omega")
-OF_PACK = ("current", "charge", "current^2", "Omega^3")
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals of recordings against a vehicle.
+
+    Attributes:
+        residual_models: the recordings.
+        lines: of each, the residuals.
+        sigmas: of each, (c,) standard deviation of its residuals.
+        places: factors of local quantities, such as "near(1,0,2,1.5)".
+    """
+
+    residual_models: tuple[ResidualModel, ...]
+    lines: list[Linearisation]
+    sigmas: tuple[np.ndarray, ...]
+    places: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,7 +54,7 @@ class Found:
     Attributes:
         side: left side, such as "force_z".
         product: the product of quantities.
-        range: its lowest and highest value in the recordings.
+        range: its lowest and highest value in the whole recordings.
         removed_share: share of the squares of the left side's error, noise included, that it removes in one half with
             the coefficient of the other.
     """
@@ -83,6 +70,20 @@ class Found:
         return equation.name_of(self.side, self.product)
 
 
+class _Level(NamedTuple):
+    """The mean of a voltage, which its residual lacks: the charge at the start is unknown, but no pack is over full.
+
+    Attributes:
+        above_full: V, see `propulsion.voltage_above_full`.
+        means: (q,) of the products.
+        weight: squares of a volt, in independent samples.
+    """
+
+    above_full: float
+    means: np.ndarray
+    weight: float
+
+
 @dataclass(frozen=True)
 class _Problem:
     """The regression of one left side on q products, for each half of the flight.
@@ -95,6 +96,7 @@ class _Problem:
         gradient: (2, q) products of the products and the error, by half.
         squares: (2,) squares of the error, by half.
         noise: squares of its noise, of both halves.
+        levels: the mean of a voltage in each recording that has one.
     """
 
     side: str
@@ -104,174 +106,78 @@ class _Problem:
     gradient: np.ndarray
     squares: np.ndarray
     noise: float
+    levels: tuple[_Level, ...] = ()
 
 
-def search(
-    residual_models: tuple[ResidualModel, ...],
-    vehicle: Vehicle,
-    lines: list[Linearisation],
-    sigmas,
-    share: float,
-    places: tuple[str, ...] = (),
-) -> list[Found]:
+def search(residuals: Residuals, vehicle: Vehicle, share: float, known: Iterable[Found] = ()) -> list[Found]:
     """Return the summands that the residuals call for, by decreasing share of the error that each removes.
 
     Args:
-        residual_models: the recordings.
+        residuals: against the vehicle.
         vehicle: the vehicle with the selected effects.
-        lines: the residuals against it.
-        sigmas: of each recording, (c,) standard deviation of its residuals.
         share: share of each recording that is used, from its start.
-        places: factors of local quantities, such as "near(1,0,2,1.5)".
+        known: summands that are chosen already; others join them.
     """
-    found = []
-    columns = [_columns(one, vehicle, places) for one in residual_models]
+    found = list(known)
+    columns = [products_of_recording(one, vehicle, residuals.places) for one in residuals.residual_models]
     for side in columns[0]:
-        problem = _problem(side, [own.get(side, {}) for own in columns], residual_models, lines, sigmas, share)
+        problem = _problem(side, [own.get(side, {}) for own in columns], residuals, share)
+        if problem is not None and side == "voltage":
+            problem = replace(problem, levels=_levels(columns, residuals, vehicle))
         if problem is not None:
-            found += _chosen(problem)
+            found += _chosen(problem, [one.product for one in found if one.side == side])
     return sorted(found, key=lambda one: -one.removed_share)
 
 
-def _columns(residual_model: ResidualModel, vehicle: Vehicle, places) -> dict[str, dict[int, dict[str, np.ndarray]]]:
-    """Return by left side, by index of each channel that shows it, the products (m,) by name, filtered as the channel.
-
-    The channel's residual is proportional to them: by mass or inertia, and behind the lag of a motor.
-    """
-    found: dict = {}
-    parameters = parameters_from_vehicle(vehicle, np.float64, np.asarray)
-    channels = residual_model.channels
-    shown = {"force": SPECIFIC_FORCE, "moment": ANGULAR_ACCELERATION}
-    if any(channel.quantity in shown.values() for channel in channels):
-        products = (*IN_MOTION, *_of_rotors(vehicle), *_at_places(places))
-        values = _in_motion(residual_model, vehicle, parameters, products)
-        for kind, quantity in shown.items():
-            for c, axis in _axes(channels, quantity):
-                found[f"{kind}_{'xyz'[axis]}"] = {c: values}
-    rotors = [c for c, channel in enumerate(channels) if channel.quantity == ROTOR_SPEED]
-    if rotors:
-        found["rotor_speed"] = dict(zip(rotors, _of_motors(residual_model, vehicle, parameters), strict=True))
-    if packs := [c for c, channel in enumerate(channels) if channel.quantity == VOLTAGE]:
-        found["voltage"] = {packs[0]: _of_pack(residual_model, vehicle)}
-    return found
-
-
-def _axes(channels: tuple[Channel, ...], quantity: str) -> Iterator[tuple[int, int]]:
-    """Yield (channel, axis) of a body vector."""
-    yield from ((c, "xyz".index(one.axis)) for c, one in enumerate(channels) if one.quantity == quantity)
-
-
-def _of_rotors(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the thrust of each rotor as a product."""
-    return tuple(f"thrust_{i + 1}" for i in range(len(vehicle.rotors)))
-
-
-def _at_places(places) -> tuple[str, ...]:
-    """Return the products of forces that act at one place: along the body's z axis, and along the world's axes."""
-    axes = tuple(f"{name}_{axis}" for name in ("up", "east", "north") for axis in "xyz")
-    return tuple(f"{place} {one}".strip() for place in places for one in ("", "thrust", *axes))
-
-
-def _in_motion(residual_model: ResidualModel, vehicle: Vehicle, parameters: Parameters, products) -> dict:
-    """Return products (m,) of the recorded motion by name, filtered as the residuals."""
-    recording = residual_model.recording
-    instant = instant_of_recording(recording, vehicle, parameters)
-    rows = {}
-    for product in products:
-        if not recording.has("single_rotor_speeds") and ("_Omega" in product or "thrust_" in product):
-            continue
-        value = quantities.product_of(product).value(instant)
-        rows[product] = np.broadcast_to(np.asarray(value, dtype=float), len(recording.t))
-    smooth = apply(residual_model.filter.smooth, np.stack(list(rows.values()), axis=-1))
-    return dict(zip(rows, smooth.T, strict=True))
-
-
-def instant_of_recording(recording, vehicle: Vehicle, parameters: Parameters) -> Instant:
-    """Return the recorded motion (n,) without the errors of the sensors, as the physics takes it."""
-    corrected = correct(recording, sensor_terms(vehicle))
-    p_world, q, v_world, _ = corrected.moving
-    air = stack(registry.air_velocity(vector(jnp.asarray(p_world)), {}, parameters), like=jnp.asarray(p_world[..., 0]))
-    speed = recording.rotor_speed
-    motion = Motion(
-        p_world,
-        q,
-        geometry.rotate_inverse(q, v_world - np.asarray(air)),
-        corrected.gyro_body,
-        speed,
-        derivative(speed, recording.dt),
-    )
-    return instant_of(Motion(*(jnp.asarray(part) for part in motion)), parameters)
-
-
-def _of_motors(residual_model: ResidualModel, vehicle: Vehicle, parameters: Parameters) -> list[dict]:
-    """Return for each rotor the effect (m,) of products on its speed: they change the steady speed, behind the lag."""
-    recording, record = residual_model.recording, residual_model.recording.motor_record
-    speed = physics_replay.rotor_speeds(physics_replay.stack_parameters([vehicle]), record)[0]
-    command = np.concatenate([record.command, record.command[-1:]])
-    time, found = 0.5 * (vehicle.motor.time_constant_up + vehicle.motor.time_constant_down), []
-    for i in range(speed.shape[1]):
-        at = (np.interp(recording.t, record.t, part) for part in (command[:, i], record.voltage, speed[:, i]))
-        drive = quantities.Drive(*map(jnp.asarray, at))
-        values = [
-            quantities.product_of(product, "motor").value(drive) * jnp.ones_like(drive.speed) for product in OF_MOTOR
-        ]
-        late = np.stack([lagged(np.asarray(one), recording.dt, time) for one in values], axis=-1)
-        found.append(dict(zip(OF_MOTOR, apply(residual_model.filter.smooth, late).T, strict=True)))
-    return found
-
-
-def _of_pack(residual_model: ResidualModel, vehicle: Vehicle) -> dict[str, np.ndarray]:
-    """Return the effect (m,) of products on the voltage less its mean, averaged as the residual."""
-    recording = residual_model.recording
-    cubed = np.sum(recording.rotor_speed**3, axis=1)
-    pack = vehicle.battery
-    power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
-    drawn = recording.current if recording.has("current") else power_w / recording.voltage
-    load = quantities.Load(drawn, np.cumsum(drawn) * recording.dt, tuple(recording.rotor_speed.T))
-    values = np.stack([np.asarray(quantities.product_of(one, "supply").value(load)) for one in OF_PACK], axis=-1)
-    smooth = averaged(values - values.mean(axis=0), recording.dt)[residual_model.filter.rows]
-    return dict(zip(OF_PACK, smooth.T, strict=True))
-
-
-def _problem(side: str, columns, residual_models, lines, sigmas, share: float) -> _Problem | None:
+def _problem(side: str, columns, residuals: Residuals, share: float) -> _Problem | None:
     """Return the regression of one left side over all recordings, None without data.
 
     Args:
         side: left side.
-        columns: of each recording, by index of a channel, the products (m,) by name.
-        residual_models: the recordings.
-        lines: their residuals.
-        sigmas: of each recording, (c,) standard deviation of its residuals.
+        columns: of each recording, by index of a channel, the products.
+        residuals: of the recordings.
         share: share of each recording that is used.
     """
-    parts, names = [], None
-    for own, one, line, sigma in zip(columns, residual_models, lines, sigmas, strict=True):
+    parts, shown = [], []
+    recorded = zip(columns, residuals.residual_models, residuals.lines, residuals.sigmas, strict=True)
+    for own, one, line, sigma in recorded:
         for c, products in own.items():
-            names = names or tuple(products)
             good = line.good & one.measured[:, c]
             used = np.flatnonzero(good)[: int(share * np.count_nonzero(good))]
             if len(used) < 2:
                 continue
-            x = np.stack([products[name][used] for name in names], axis=-1) / sigma[c]
+            shown.append(products)
+            x = products.values[used] / sigma[c]
             y = line.residual[used, c] / sigma[c]
             halves = np.array_split(np.arange(len(used)), 2)
-            parts.append((x, y, halves, sigma[c]))
-    if not parts or names is None:
+            parts.append((x, y, halves))
+    if not parts:
         return None
-    information = np.stack([sum(x[h[i]].T @ x[h[i]] for x, _, h, _ in parts) for i in range(2)])
-    gradient = np.stack([sum(x[h[i]].T @ y[h[i]] for x, y, h, _ in parts) for i in range(2)])
-    squares = np.array([sum(float(y[h[i]] @ y[h[i]]) for _, y, h, _ in parts) for i in range(2)])
-    raw = np.concatenate([x * sigma for x, _, _, sigma in parts])
-    ranges = np.stack([raw.min(axis=0), raw.max(axis=0)], axis=-1)
-    return _Problem(side, names, ranges, information, gradient, squares, float(sum(len(y) for _, y, _, _ in parts)))
+    information = np.stack([sum(x[h[i]].T @ x[h[i]] for x, _, h in parts) for i in range(2)])
+    gradient = np.stack([sum(x[h[i]].T @ y[h[i]] for x, y, h in parts) for i in range(2)])
+    squares = np.array([sum(float(y[h[i]] @ y[h[i]]) for _, y, h in parts) for i in range(2)])
+    ranges = ranges_of(np.concatenate([one.ranges.T for one in shown]))
+    noise = float(sum(len(y) for _, y, _ in parts))
+    return _Problem(side, shown[0].names, ranges, information, gradient, squares, noise)
 
 
-def _chosen(problem: _Problem) -> list[Found]:
-    """Return the summands of one left side."""
+def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[_Level, ...]:
+    """Return the mean of each recording's voltage, but of one that is above full already."""
+    found = []
+    for own, one, sigma in zip(columns, residuals.residual_models, residuals.sigmas, strict=True):
+        above = voltage_above_full(one.recording, vehicle)
+        if above < MAX_ABOVE_FULL_V:
+            ((c, products),) = own["voltage"].items()
+            found.append(_Level(above, products.means, np.count_nonzero(one.good) / sigma[c] ** 2))
+    return tuple(found)
+
+
+def _chosen(problem: _Problem, known: list[str]) -> list[Found]:
+    """Return the summands of one left side that join the products that are known already."""
     excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
-    chosen: list[int] = []
-    removed = [0.0]
-    while len(chosen) < MAX_SUMMANDS:
+    chosen = [problem.products.index(one) for one in known]
+    removed = [_lowered(problem, chosen)[0]]
+    while len(chosen) < (MAX_SUMMANDS_OF_VOLTAGE if problem.side == "voltage" else MAX_SUMMANDS):
         scores = {j: _removed(problem, [*chosen, j]) for j in _independent(problem, chosen)}
         best = _simplest(problem, scores, TIE_SHARE * excess)
         if best is None or scores[best] - removed[-1] < max(MIN_REMOVED_SHARE * excess, MIN_GAIN):
@@ -281,7 +187,7 @@ def _chosen(problem: _Problem) -> list[Found]:
     steps = np.diff(removed) / problem.squares.sum()
     return [
         Found(problem.side, problem.products[j], tuple(map(float, problem.ranges[j])), float(step))
-        for j, step in zip(chosen, steps, strict=True)
+        for j, step in zip(chosen[len(known) :], steps, strict=True)
     ]
 
 
@@ -306,10 +212,16 @@ def _independent(problem: _Problem, chosen: list[int]) -> list[int]:
 
 
 def _removed(problem: _Problem, rows: list[int]) -> float:
-    """Return by how much the coefficients of one half lower the squares of the other, both ways together.
+    """Return `_lowered`, minus infinity if the coefficient of the last product differs between the halves."""
+    lowered, fits = _lowered(problem, rows)
+    first, second = (one[-1] for one in fits)
+    return -np.inf if abs(first - second) > MAX_DISAGREEMENT * 0.5 * abs(first + second) else lowered
 
-    Minus infinity if the coefficient of the last product differs between the halves.
-    """
+
+def _lowered(problem: _Problem, rows: list[int]) -> tuple[float, list[np.ndarray]]:
+    """Return by how much the coefficients of one half lower the squares of the other, both ways together, and them."""
+    if not rows:
+        return 0.0, []
     at, lowered = np.ix_(rows, rows), 0.0
     total = problem.information.sum(axis=0)[at]
     fits = [
@@ -320,7 +232,7 @@ def _removed(problem: _Problem, rows: list[int]) -> float:
     for i, other in ((0, 1), (1, 0)):
         x = fits[other]
         lowered += float(2.0 * x @ problem.gradient[i][rows] - x @ problem.information[i][at] @ x)
-    first, second = fits[0][-1], fits[1][-1]
-    if abs(first - second) > MAX_DISAGREEMENT * 0.5 * abs(first + second):
-        return -np.inf
-    return lowered
+        for level in problem.levels:
+            above = max(level.above_full - float(x @ level.means[rows]) - MAX_ABOVE_FULL_V, 0.0)
+            lowered -= 0.5 * level.weight * above**2
+    return lowered, fits

@@ -5,9 +5,8 @@ show, its estimate is consistent over the seconds of the flight, and it predicts
 not used. A gain is the decrease of the sum of squares, in independent samples.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from scipy import special, stats
@@ -20,14 +19,8 @@ MIN_VALIDATION_ERRORS = 1.5  # standard errors that the blocks' mean gain must e
 FALSE_SELECTION_RATE = 1e-3  # probability that the test over seconds alone passes any false effect of the catalogue
 PRIOR_INFORMATION_SHARE = 0.005  # of the flight's information, added in cross-validation: bounds poorly known estimates
 MIN_BLOCK_INFORMATION_SHARE = 0.01  # of an effect's information; a block with less does not show the effect
-MIN_CONFOUNDER_WEIGHT = 0.05  # relative likelihood above which a confounder is reported
-MIN_LEAD = 3.0  # log-likelihood by which a replacement must be better; "strong" evidence (Kass and Raftery 1995)
-SIMULATOR_ERROR_SHARE = 0.002  # of an effect's gain by which candidates may differ because the simulation is inexact
-MAX_BIAS_GAIN = 60.0  # bound of the bias in a difference of two gains; the bias of a strong effect grows with it
 BOUND_TOLERANCE_ERRORS = 2.0  # standard errors by which an estimate may exceed its physical bounds
 MIN_OBSERVABLE_GAIN = 1.0  # squares that a parameter must change at the far end of its range to be observable
-MIN_LARGE_CHANGE = 2.0  # times the minimum detectable one, four times its gain
-MAX_CONFOUNDER_LOSS = 0.25  # share of the gain that a confounder may lack; larger reports more confounders
 
 
 @dataclass(frozen=True)
@@ -200,15 +193,6 @@ def significance(gain: float, size: int) -> float:
     return float(np.sqrt(-2.0 * log_tail - np.log(-np.pi * log_tail)))  # with the same tail of the normal distribution
 
 
-def is_large(problem: SelectionProblem, others: list[str], key: str) -> bool:
-    """Return whether an effect beside others changes by MIN_LARGE_CHANGE times its minimum detectable magnitude."""
-    known, size = problem.null_distribution, problem.parameter_count(key)
-    gain = problem.gain([*others, key]) - problem.gain(others)
-    change = fit(problem.equations, problem.rows([*others, key])).estimate[-size:]
-    needed = MIN_LARGE_CHANGE**2 * known.threshold(key)
-    return gain > needed and known.is_exceeded(key, change, MIN_LARGE_CHANGE)
-
-
 def passes_cross_validation(problem: SelectionProblem, selected: list[str], key: str) -> bool:
     """Return whether an effect that is added to those selected predicts held-out blocks, at least two of them."""
     gains = cross_validation_gains(problem, selected, key)
@@ -260,100 +244,6 @@ def best_addition(
     return None, 0.0
 
 
-def better_replacement(
-    problem: SelectionProblem, others: list[str], key: str, excluded: Iterable[str] = ()
-) -> tuple[str | None, float]:
-    """Return the effect that explains clearly more than a selected one in its place, and its lead.
-
-    An effect that was selected early may have absorbed one that was selected later.
-
-    Args:
-        problem: the data.
-        others: the other selected effects.
-        key: the selected effect.
-        excluded: effects that must not be selected.
-
-    Returns:
-        Key and log-likelihood ratio; None and 0 if there is no such effect.
-    """
-    excluded = {*others, *excluded, key}
-    leads = {
-        candidate: _lead(problem, others, candidate, key) for candidate in problem.slices if candidate not in excluded
-    }
-    for candidate in sorted(leads, key=leads.get, reverse=True):
-        if leads[candidate] < MIN_LEAD:
-            break
-        if accepts(problem, others, candidate)[0]:
-            return candidate, leads[candidate]
-    return None, 0.0
-
-
-def simpler_replacement(
-    problem: SelectionProblem, selected: list[str], excluded: Callable[[list[str]], set[str]]
-) -> tuple[list[str], str | None]:
-    """Return two selected effects and the single one that explains as much in their place; none and None if none does.
-
-    A damaged propeller, for example, produces less thrust and a moment, as a mass and a centre of mass together do.
-
-    Args:
-        problem: the data.
-        selected: the selected effects.
-        excluded: function from selected effects to those that must not be added to them.
-    """
-    found, total = [], problem.gain(selected)
-    for pair in combinations(selected, 2):
-        others = [key for key in selected if key not in pair]
-        base = problem.gain(others)
-        for candidate in set(problem.slices) - {*selected, *excluded(others)}:
-            loss = total - problem.gain([*others, candidate]) - SIMULATOR_ERROR_SHARE * (total - base)
-            saved = sum(problem.penalty(key) for key in pair) - problem.penalty(candidate)
-            inflation = problem.null_distribution.variance_inflation(candidate)
-            found.append((saved - 0.5 * max(loss, 0.0) / inflation, list(pair), candidate))
-    for lead, pair, candidate in sorted(found, reverse=True):
-        if lead < MIN_LEAD:
-            break
-        if accepts(problem, [key for key in selected if key not in pair], candidate)[0]:
-            return pair, candidate
-    return [], None
-
-
-def _lead(problem: SelectionProblem, others: list[str], candidate: str, key: str) -> float:
-    """Return the log-likelihood by which a candidate explains more than an effect beside others, less its penalty.
-
-    Three things reduce the lead: differences between seconds beyond the noise (Vuong 1989: neither effect is the
-    truth), the error of the simulator as a share of a strong effect, and the bias of the pipeline, which was estimated
-    with the vehicle of the reference flights and may be as large again for the candidates.
-    """
-    difference = _gain_difference(problem.equations, problem, others, candidate, key)
-    bias = 0.0
-    if problem.uncorrected is not None:
-        bias = abs(np.sum(_gain_difference(problem.uncorrected, problem, others, candidate, key) - difference))
-    bias = min(bias, MAX_BIAS_GAIN)
-    seconds = np.count_nonzero(problem.equations.samples)
-    scatter = np.var(difference) * seconds / max(4.0 * abs(difference.sum()), 1e-300)
-    inflation = max(scatter, problem.null_distribution.variance_inflation(key))  # both explain the same noise
-    explained = max(problem.gain([*others, candidate]), problem.gain([*others, key])) - problem.gain(others)
-    simulator_error = SIMULATOR_ERROR_SHARE * explained
-    more = np.sign(difference.sum()) * max(abs(difference.sum()) - simulator_error - bias, 0.0)
-    return 0.5 * more / inflation - problem.penalty(candidate) + problem.penalty(key)
-
-
-def _gain_difference(
-    equations: NormalEquations, problem: SelectionProblem, others: list[str], candidate: str, key: str
-) -> np.ndarray:
-    """Return the gain of a candidate minus that of an effect, beside others, in each second (s,)."""
-    return _gain_by_second(equations, problem.rows([*others, candidate])) - _gain_by_second(
-        equations, problem.rows([*others, key])
-    )
-
-
-def _gain_by_second(equations: NormalEquations, rows) -> np.ndarray:
-    """Return the gain of the fit of the parameters `rows` in each second (s,)."""
-    estimate = -solve(equations.total_information[np.ix_(rows, rows)], equations.total_gradient[rows])
-    information = equations.information[:, rows][:, :, rows]
-    return -2.0 * equations.gradient[:, rows] @ estimate - np.einsum("i,sij,j->s", estimate, information, estimate)
-
-
 def without_parameters(equations: NormalEquations, rows, change) -> NormalEquations:
     """Return the normal equations, to first order, with the parameters `rows` lower by `change` (k,), in steps."""
     moved = np.einsum("spk,k->sp", equations.information[:, :, rows], change)
@@ -370,35 +260,3 @@ def backward_elimination(problem: SelectionProblem, selected: list[str]) -> list
             break
         kept.remove(min(weak, key=lambda key: problem.score(key, problem.gain(kept) - problem.gain(set(kept) - {key}))))
     return kept
-
-
-def find_confounders(
-    problem: SelectionProblem, selected: list[str], key: str, excluded: Iterable[str] = ()
-) -> dict[str, float]:
-    """Return the effects that could replace a selected one, with their relative likelihoods, itself included.
-
-    A confounder lowers the squares nearly as much, would be selected in the effect's place, and makes it superfluous.
-    The penalties of parameters count between large effects alone. They hold that few parameters differ from the file;
-    but by little many do, and a small error of the centre of mass is no less likely than a slightly damaged propeller.
-    """
-    others = [other for other in selected if other != key]
-    base, best = problem.gain(others), problem.gain(selected)
-    own, excluded = best - base, set(excluded) | set(selected)
-    scores, large = {key: 0.0}, is_large(problem, others, key)
-    for candidate in (candidate for candidate in problem.slices if candidate not in excluded):
-        gain = problem.gain([*others, candidate]) - base
-        if own - gain > MAX_CONFOUNDER_LOSS * own or gain < problem.null_distribution.threshold(candidate):
-            continue
-        if accepts(problem, others, candidate)[0] and not accepts(problem, [*others, candidate], key)[0]:
-            scores[candidate] = _lead(problem, others, candidate, key)
-            if not (large and is_large(problem, others, candidate)):
-                scores[candidate] += problem.penalty(candidate) - problem.penalty(key)
-    highest = max(scores.values())
-    weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
-    total = sum(weights.values())
-    likely = {
-        name: weight / total
-        for name, weight in weights.items()
-        if weight / total > MIN_CONFOUNDER_WEIGHT or name == key
-    }
-    return dict(sorted(likely.items(), key=lambda item: -item[1]))

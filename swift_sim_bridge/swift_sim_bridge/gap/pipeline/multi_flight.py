@@ -14,9 +14,11 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.flight_channels import CHANNELS
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution import model_comparison
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
 from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, with_effects
+from swift_sim_bridge.gap.attribution.likeliest import with_likeliest_first
 from swift_sim_bridge.gap.attribution.search import select_effects
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values
@@ -68,11 +70,12 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) 
     prior = Prior(_values(singles), np.array([one.process_noise for one in singles]), per_flight=flight_effects)
     evidence = prepare_evidence(recordings, vehicle, options, prior)
     found = select_effects(evidence, with_effect_terms(vehicle, evidence.effects), options.progress)
+    found = with_likeliest_first(found, with_effect_terms(vehicle, found.evidence.effects), options.progress)
     found = replace(found, selected=_limit_certainty(found.selected, [one.own_effects for one in singles]))
     singles = _resolve_by_other_flights(singles, vehicle)
     chosen = repair_choice.choose_repair(vehicle, found, options.progress)
-    singles = [_refit(one, vehicle, chosen.effects) for one in singles]
     singles = [_exclude_shared(one, evidence, found) for one in singles]
+    singles = [_refit(_with_likeliest_first(one, vehicle), vehicle, chosen.effects) for one in singles]
     holdout_result = holdout.HoldoutResult()
     if options.validate:
         holdout_result = _validate(evidence, singles, vehicle, chosen.effects, options.progress)
@@ -183,10 +186,7 @@ def _resolve_by_other_flights(singles: list[SingleRecording], vehicle: Vehicle) 
         keys = [key for key in own.confounders if key in identified]
         if len(own.confounders) == 1 or len(keys) != 1:
             return own
-        effect, key = identified[keys[0]], keys[0]
-        return replace(
-            own, effect=effect, values=file_values(effect, vehicle) + own.changes[key], confounders={key: 1.0}
-        )
+        return replace(_in_place_of(own, identified[keys[0]], vehicle), confounders={keys[0]: 1.0})
 
     def without_duplicates(own_effects) -> tuple[SelectedEffect, ...]:
         found: dict[str, SelectedEffect] = {}
@@ -210,11 +210,27 @@ def _exclude_shared(single: SingleRecording, evidence: Evidence, found: SearchRe
         shared = key in slices and key not in selected
         return shared and bool(np.any(np.abs(own.changes[key]) > EXCLUSION_FACTOR * least[slices[key]]))
 
-    def without_excluded(own: SelectedEffect) -> SelectedEffect:
-        kept = {key: weight for key, weight in own.confounders.items() if not excluded(own, key)}
-        return replace(own, confounders={key: weight / sum(kept.values()) for key, weight in kept.items()})
+    own_effects = (
+        own.without_confounders({key for key in own.confounders if excluded(own, key)}) for own in single.own_effects
+    )
+    return replace(single, own_effects=tuple(own_effects))
 
-    return replace(single, own_effects=tuple(without_excluded(own) for own in single.own_effects))
+
+def _with_likeliest_first(single: SingleRecording, vehicle: Vehicle) -> SingleRecording:
+    """Return a recording whose own effects are the likeliest ones of their sets that can belong to it alone."""
+    effects = {one.key: one for one in single.evidence.effects if one.id in per_flight(vehicle)}
+    found: dict[str, SelectedEffect] = {}
+    for own in single.own_effects:
+        weights = {key: weight for key, weight in own.confounders.items() if key in effects and key not in found}
+        likeliest = max(weights, key=weights.__getitem__, default=own.effect.key)
+        headed = own if likeliest == own.effect.key else _in_place_of(own, effects[likeliest], vehicle)
+        found.setdefault(headed.effect.key, headed)
+    return replace(single, own_effects=tuple(found.values()))
+
+
+def _in_place_of(own: SelectedEffect, effect: Effect, vehicle: Vehicle) -> SelectedEffect:
+    """Return a confounder of a selected effect in its place, with the value that it has to first order."""
+    return replace(own, effect=effect, values=file_values(effect, vehicle) + own.changes[effect.key])
 
 
 def _means(own_effects) -> tuple[SelectedEffect, ...]:

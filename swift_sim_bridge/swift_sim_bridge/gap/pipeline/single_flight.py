@@ -10,6 +10,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import wind
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
 from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, with_effects
+from swift_sim_bridge.gap.attribution.likeliest import with_likeliest_first
 from swift_sim_bridge.gap.attribution.process_noise import (
     MIN_EXCESS_SHARE,
     MIN_EXCESS_SHARE_OF_FORCES,
@@ -30,6 +31,7 @@ from swift_sim_bridge.parallel import run_in_threads
 def diagnose(recording: FlightTable, vehicle: Vehicle, options: Options) -> Diagnosis:
     """Return the diagnosis of one recording; call it through `gap.api.diagnose`."""
     evidence, found, process_noise = search_recording(recording, vehicle, options)
+    found = with_likeliest_first(found, with_effect_terms(vehicle, found.evidence.effects), options.progress)
     advice = propose_manoeuvres(evidence, vehicle, found, recording, options.progress)
     chosen = repair_choice.choose_repair(vehicle, found, options.progress)
     repaired, holdout_result, left = repair(vehicle, chosen.effects), holdout.HoldoutResult(), {}
@@ -92,6 +94,7 @@ def diagnose_repaired(recordings: list[FlightTable], repaired: Vehicle, options:
     silent = replace(options, progress=lambda _: None)
     evidence = prepare_evidence(recordings, repaired, silent, prior)
     found = select_effects(evidence, with_effect_terms(repaired, evidence.effects), silent.progress)
+    found = with_likeliest_first(found, with_effect_terms(repaired, found.evidence.effects), silent.progress)
     report = report_content(evidence, found, {}, {}, {})
     return {key: report[key] for key in ("verdict", "findings")}
 

@@ -10,6 +10,7 @@ from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS
 from swift_sim_bridge.gap.inference import null_distribution, stepwise
 from swift_sim_bridge.gap.validation.experiment_design import SeparatingManoeuvre
 from swift_sim_bridge.gap.validation.repair_choice import Repair
+from swift_sim_bridge.physics.terms import equation
 
 Advice = dict[str, SeparatingManoeuvre | None]  # by the effect's key; None where no simulated manoeuvre separates
 
@@ -36,7 +37,7 @@ def report_content(
     if found.equation_terms:
         findings.append(equation_finding(found, evidence))
     findings += unexplained_findings(found, evidence)
-    findings = [{**one, **repair_entries(one, chosen)} for one in findings]
+    findings = [{**one, **repair_entries(one, chosen, bool(found.equation_terms))} for one in findings]
     detectable = minimum_detectable(evidence)
     not_excited = {
         one.id: f"these flights do not excite it; fly: {one.manoeuvre}"
@@ -194,18 +195,39 @@ def unexplained_findings(found: SearchResult, evidence: Evidence) -> list[dict]:
     return entries
 
 
-def repair_entries(finding: dict, chosen: Repair | None) -> dict:
+def repair_entries(finding: dict, chosen: Repair | None, has_equation: bool) -> dict:
     """Return the entries of a finding about the repair: whether it has the effect, and the summands of an equation.
 
-    The summands stand in the order of the share of the error that each removes.
+    The summands stand in the order of the share of the error that each removes. They belong to the finding of the
+    equation, without one to the unexplained residuals of their layer.
+
+    Args:
+        finding: the entry.
+        chosen: the repair.
+        has_equation: whether there is a finding of an equation.
     """
     if chosen is None:
         return {}
     if finding["effect"] is not None:
         names = {(one.effect.id, one.effect.variant) for one in chosen.names}
         return {"in_repair": (finding["effect"], finding["variant"]) in names}
-    if "unexplained" in finding:
+    summands = equation_summands(chosen)
+    if "unexplained" not in finding:
+        return {"in_repair": bool(summands), "summands": summands}
+    own = [one for one in summands if equation.LAYERS[equation.kind_of(one["side"])] == finding["layer"]]
+    if has_equation or not own:
         return {"in_repair": False}
+    text = "; ".join(
+        " ".join(filter(None, (one["side"].replace("_", " "), f"{one['coefficient']:+.3g}", one["unit"])))
+        + f" times {one['product']}"
+        for one in own
+    )
+    sentence = f"{finding['sentence']} The repaired file describes a part of it by an equation: {text}."
+    return {"in_repair": True, "summands": own, "sentence": sentence}
+
+
+def equation_summands(chosen: Repair) -> list[dict]:
+    """Return the entries of an equation's summands, by decreasing share of the error that each removes."""
     summands = []
     for one in chosen.equation:
         errors = np.sqrt(np.diag(one.covariance))
@@ -215,8 +237,7 @@ def repair_entries(finding: dict, chosen: Repair | None) -> dict:
             entry = {"side": side, "product": product, "coefficient": float(value), "unit": parameter.unit}
             low, high = one.effect.idle["equation"][side][product]["range"]
             summands.append(entry | {"standard_error": float(error), "range": [low, high], "removed_share": share})
-    summands.sort(key=lambda entry: -(entry["removed_share"] or 0.0))
-    return {"in_repair": bool(summands), "summands": summands}
+    return sorted(summands, key=lambda entry: -(entry["removed_share"] or 0.0))
 
 
 def spans(evidence: Evidence) -> list[list[float]]:

@@ -5,8 +5,8 @@ from html import escape
 
 from swift_sim_bridge.gap.report import quantities
 from swift_sim_bridge.gap.report.sentences import (
-    confounder_names,
     finding_name,
+    likelihood_text,
     parameter_name,
     ranked,
     recording_of,
@@ -170,6 +170,6 @@ def _confounders(finding: dict) -> str:
     if not finding["alternatives"]:
         return ""
     manoeuvre = finding["separating_manoeuvre"]
-    return f"<p class=note>These recordings cannot distinguish it from: {escape(confounder_names(finding))}." + (
+    return f"<p class=note>{escape(likelihood_text(finding))}" + (
         f" <b>To separate them, fly:</b> {escape(manoeuvre)}.</p>" if manoeuvre else "</p>"
     )

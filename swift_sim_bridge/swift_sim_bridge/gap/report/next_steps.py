@@ -99,7 +99,7 @@ def _step(kind: str, text: str, *commands: str) -> dict:
 
 def _use(findings: list[dict], vehicle: Vehicle, inputs: Inputs) -> list[dict]:
     """Return the steps that use the repaired files."""
-    effects = [one for one in findings if one["effect"]]
+    effects = [one for one in findings if one["effect"] or one.get("in_repair")]
     of_vehicle = [one for one in effects if one["effect"] not in MAP_EFFECTS]
     repaired, steps = inputs.out / "vehicle.yaml", []
     if not effects:

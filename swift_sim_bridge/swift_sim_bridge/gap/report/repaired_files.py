@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.attribution.evidence import SelectedEffect
 from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS
 from swift_sim_bridge.gap.effects.patch import key_of, over, value_at
 from swift_sim_bridge.identification import repair
@@ -59,7 +60,7 @@ def vehicle_text(content: dict, diagnosis, source: Path) -> str:
         if "rate_loop" in one.effect.channels:  # a file that names a dump has the gains there
             content["controller"].setdefault("pid", copy.deepcopy(diagnosis.vehicle.controller["pid"]))
         errors = np.sqrt(np.diag(one.covariance))
-        verdict = "" if one.verdict == "confirmed" else f" ({one.verdict})"
+        verdict = "" if one.verdict == "confirmed" else f" ({_verdict_text(one)})"
         for parameter, error in zip(one.effect.parameters, errors, strict=True):
             for path in (parameter.path, *parameter.tied):
                 change = _set_value(content, path, float(error), parameter.unit, diagnosis.vehicle)
@@ -68,6 +69,12 @@ def vehicle_text(content: dict, diagnosis, source: Path) -> str:
     if known := _covariances(diagnosis.selected):
         content["terms"]["equation"] = equation.with_covariance(content["terms"]["equation"], known)
     return repair.text(content, changes, source, "repaired from its recordings")
+
+
+def _verdict_text(one: SelectedEffect) -> str:
+    """Return the verdict of an effect, of an ambiguous one with the weights of all that it could be."""
+    weights = ", ".join(f"{key} {weight:.2g}" for key, weight in one.confounders.items())
+    return f"ambiguous: {weights}" if one.verdict == "ambiguous" else one.verdict
 
 
 def _covariances(selected) -> dict[str, dict[str, float]]:

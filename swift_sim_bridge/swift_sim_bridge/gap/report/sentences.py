@@ -6,6 +6,7 @@ MAX_SPANS = 4  # spans of time that a sentence lists
 MAX_CHANNELS = 4  # channels that a sentence lists
 MAX_ERROR_RATIO = 0.9  # error after the repair relative to before, below which a sentence names the channel
 MIN_CHANGE = 0.02  # relative change of an error below which the repair has not changed it
+MIN_LIKELIHOOD_RATIO = 3.0  # of two effects, below which neither is clearly likelier (Kass and Raftery 1995)
 NUMBERED = {
     "motor_map": ("c", 0),
     "rotor_gain": ("gain of rotor ", 1),
@@ -29,11 +30,7 @@ def headline_sentences(report: dict) -> list[str]:
     verdict, findings = VERDICTS.get(report["verdict"]), ranked(report["findings"])
     confirmed = [finding_name(one) for one in findings if one["verdict"] == "confirmed"]
     probable = [finding_name(one) for one in findings if one["verdict"] == "tentative"]
-    probable += [
-        f"either {finding_name(one)} or {confounder_names(one, weighted=False)}"
-        for one in findings
-        if one["verdict"] == "ambiguous"
-    ]
+    probable += [set_text(one) for one in findings if one["verdict"] == "ambiguous"]
     sentences = [verdict] if verdict else []
     if confirmed:
         sentences.append(f"{'Confirmed:' if verdict else 'The simulation lacks'} {_listed(confirmed)}.")
@@ -148,19 +145,48 @@ def where(finding: dict, flights: list) -> str:
     return "; ".join(parts) or "throughout"
 
 
-def confounder_names(finding: dict, weighted: bool = True) -> str:
-    """Return the names of the other effects that could explain a finding, with their weights if `weighted`."""
+def set_text(finding: dict) -> str:
+    """Return the effects that could explain an ambiguous finding with their weights, the finding's own first."""
+    text = f"either {_weighted(_own_alternative(finding))} or {confounder_names(finding)}"
+    return f"{text} (none clearly likelier)" if is_close(finding) else text
+
+
+def confounder_names(finding: dict) -> str:
+    """Return the names of the other effects that could explain a finding, with their weights."""
+    own = _own_alternative(finding)
+    return ", ".join(_weighted(other) for other in finding["alternatives"] if other is not own)
+
+
+def likelihood_text(finding: dict) -> str:
+    """Return in a sentence how likely an ambiguous finding is beside the other effects that could explain it."""
+    names, own = confounder_names(finding), _own_alternative(finding)
+    if is_close(finding):
+        return f"These recordings cannot distinguish it ({share_text(own)}) from: {names}; none is clearly likelier."
+    return f"The likeliest ({share_text(own)}); these recordings cannot distinguish it from: {names}."
+
+
+def is_close(finding: dict) -> bool:
+    """Return whether another effect is about as likely as an ambiguous finding's own."""
+    own = _own_alternative(finding)
+    others = [other["weight"] for other in finding["alternatives"] if other is not own]
+    return own["weight"] < MIN_LIKELIHOOD_RATIO * max(others, default=0.0)
+
+
+def _own_alternative(finding: dict) -> dict:
+    """Return the entry of an ambiguous finding's own effect among its alternatives."""
     own = finding["effect"], finding["variant"]
-    return ", ".join(
-        " ".join(
-            filter(
-                None,
-                (other["effect"].replace("_", " "), other["variant"], weighted and f"({other['weight']:.0%})"),
-            )
-        )
-        for other in finding["alternatives"]
-        if (other["effect"], other["variant"]) != own
-    )
+    return next(one for one in finding["alternatives"] if (one["effect"], one["variant"]) == own)
+
+
+def _weighted(alternative: dict) -> str:
+    """Return the name of one of several effects with its weight."""
+    name = " ".join(filter(None, (alternative["effect"].replace("_", " "), alternative["variant"])))
+    return f"{name} ({share_text(alternative)})"
+
+
+def share_text(alternative: dict) -> str:
+    """Return the weight of one of several effects, in percent."""
+    return quantities.share(alternative["weight"])
 
 
 def parameter_name(effect: str, name: str) -> str:

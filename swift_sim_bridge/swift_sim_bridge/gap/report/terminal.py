@@ -4,10 +4,10 @@ from swift_ros.text import align
 from swift_sim_bridge.gap.report import quantities
 from swift_sim_bridge.gap.report.html_tables import MODEL_NAMES
 from swift_sim_bridge.gap.report.sentences import (
-    confounder_names,
     finding_name,
     headline,
     improvements,
+    likelihood_text,
     ranked,
     recording_of,
     value_lines,
@@ -31,7 +31,7 @@ def terminal_text(report: dict) -> str:
             lines.append(f"  and {len(values) - MAX_TERMS} smaller terms, in the report")
         lines.append(f"  where: {where(one, report['flights'])}")
         if one["alternatives"]:
-            lines.append(f"  could also be: {confounder_names(one)}; to separate them: {one['separating_manoeuvre']}")
+            lines.append(f"  {likelihood_text(one)} To separate them: {one['separating_manoeuvre']}")
         if one.get("caution"):
             lines.append(f"  note: {one['caution']}")
     lines += improvements(report)

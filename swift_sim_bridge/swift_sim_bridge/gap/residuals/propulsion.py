@@ -15,6 +15,7 @@ from swift_sim_bridge.physics.terms.quantities import Load
 
 NUISANCE_STEPS = 2e-4, 1e-6, 1e-3  # of the derivatives to shift s, bend s^2 and shift s of the part `sent`
 BATTERY_CHANNELS = ("voltage", "current")  # on which the residuals of the battery depend
+MAX_ABOVE_FULL_V = 0.1  # by which a voltage may exceed that of a full pack: errors of its sensor and of the file
 
 
 def rotor_speed_residuals(recording: Recording, low: Filter, parameters: Parameters) -> np.ndarray:
@@ -75,23 +76,40 @@ def battery_residuals(recording: Recording, low: Filter, vehicles: list[Vehicle]
     Returns:
         (b, m, 1) V, or with a measured current (b, m, 2) V and W.
     """
-    cubed, found = np.sum(recording.rotor_speed**3, axis=1), []
-    measured = ~recording.in_gap(*BATTERY_CHANNELS)
+    measured, found = ~recording.in_gap(*BATTERY_CHANNELS), []
     for vehicle in vehicles:
-        parameters = parameters_from_vehicle(vehicle, np.float64, np.asarray)
-        pack = parameters.battery
-        power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
-        drawn = recording.current if recording.has("current") else power_w / recording.voltage
-        charge = np.cumsum(drawn) * recording.dt
-        sag = lagged(drawn, recording.dt, pack.rc_time) * pack.rc_resistance
-        if pack.rc2_time:
-            sag = sag + lagged(drawn, recording.dt, pack.rc2_time) * pack.rc2_resistance
-        open_circuit = np.asarray(battery.open_circuit(charge, pack, None))
-        load = Load(drawn, charge, tuple(recording.rotor_speed.T))
-        added = np.asarray(registry.supply_voltage(load, parameters))
-        voltage = recording.voltage - (open_circuit - battery.resistance(pack, None) * drawn - sag + added)
+        voltage, power_w = _battery_errors(recording, vehicle)
         columns = [voltage - voltage[measured].mean()]
         if recording.has("current"):
-            columns.append(recording.voltage * recording.current - power_w)
+            columns.append(power_w)
         found.append(averaged(np.stack(columns, axis=-1), recording.dt)[low.rows])
     return np.stack(found)
+
+
+def voltage_above_full(recording: Recording, vehicle: Vehicle) -> float:
+    """Return by how much the measured voltage exceeds on average that of a pack that is full at the first row, V.
+
+    It is negative for a pack that was not full. No pack is fuller: a positive one is an error of the vehicle.
+    """
+    return float(_battery_errors(recording, vehicle)[0][~recording.in_gap(*BATTERY_CHANNELS)].mean())
+
+
+def _battery_errors(recording: Recording, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+    """Return measured minus modelled voltage (n,) V of a pack that is full at the first row, and power (n,) W.
+
+    Without a measured current the power is without meaning.
+    """
+    cubed = np.sum(recording.rotor_speed**3, axis=1)
+    parameters = parameters_from_vehicle(vehicle, np.float64, np.asarray)
+    pack = parameters.battery
+    power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
+    drawn = recording.current if recording.has("current") else power_w / recording.voltage
+    charge = np.cumsum(drawn) * recording.dt
+    sag = lagged(drawn, recording.dt, pack.rc_time) * pack.rc_resistance
+    if pack.rc2_time:
+        sag = sag + lagged(drawn, recording.dt, pack.rc2_time) * pack.rc2_resistance
+    open_circuit = np.asarray(battery.open_circuit(charge, pack, None))
+    load = Load(drawn, charge, tuple(recording.rotor_speed.T))
+    added = np.asarray(registry.supply_voltage(load, parameters))
+    voltage = recording.voltage - (open_circuit - battery.resistance(pack, None) * drawn - sag + added)
+    return voltage, recording.voltage * drawn - power_w

@@ -4,6 +4,7 @@ holdout: errors before and after the repair, on parts of the flights that no fit
 parts: the parts that fits use, and those that are held out
 black_boxes: black-box models, alone and of what a repair leaves
 prediction_errors: errors of all these models on parts of recordings
+repair_trials: effects and equations, fitted to one part of each flight and judged on another
 repair_choice: what the repaired vehicle file gets
 localization: times, segments between gates and flight regimes in which a finding shows
 mismatch: difference of recording and simulation over time, by layer

@@ -1,5 +1,8 @@
 """Localization of findings: the times, segments between gates and flight regimes in which they show, and how much."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
 from swift_ros import geometry
@@ -34,56 +37,95 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
         vehicle: the vehicle before the repair.
         track: the track, if the flights pass its gates.
     """
-    findings = list(diagnosis.report["findings"])
     effects = tuple(one.effect for one in diagnosis.selected)
-    repaired = with_effect_terms(diagnosis.vehicle, effects)
-    nothing = with_effect_terms(vehicle, effects)
+    repaired, nothing = (with_effect_terms(some, effects) for some in (diagnosis.vehicle, vehicle))
     before, after = ([one.residual(some) for one, _ in _recordings(diagnosis)] for some in (nothing, repaired))
-    totals = [float(gain.sum()) for gain in _gains(diagnosis, before, [0.0] * len(before))]
-    for selected in diagnosis.selected:
-        number = next((i for i, finding in enumerate(findings) if _is_of(finding, selected.effect)), None)
-        if number is None or "recording" in findings[number]:
-            continue
-        without = nothing
-        for other in (one for one in diagnosis.selected if one is not selected):
-            without = inject(without, other.effect, other.values)
-        worse = [one.residual(without) for one, _ in _recordings(diagnosis)]
-        gains = _gains(diagnosis, worse, after)
-        findings[number] = findings[number] | _entries(diagnosis, gains, findings[number], track)
-        findings[number] |= {
-            "removes": _share(gains, sum(totals)),
-            "most_improved": _most_improved(diagnosis, gains, worse, after),
-        }
-    named = _without_equation(diagnosis, nothing, repaired)
-    for number in (i for i, finding in enumerate(findings) if "unexplained" in finding):
-        channels = [channel.id for channel in diagnosis.evidence.residual_models[0].channels]
-        own = np.isin(channels, findings[number]["channels"])
-        left = [
-            _gain(residual_model, noise, one * own, np.zeros_like(one))
-            for one, (residual_model, noise) in zip(after, _recordings(diagnosis), strict=True)
-        ]
-        findings[number] = findings[number] | _entries(diagnosis, left, findings[number], track)
-    for number in (i for i, one in enumerate(findings) if one["effect"] is None and "unexplained" not in one):
-        gains = [
-            _gain(residual_model, noise, *_equation_residuals(diagnosis, i, named, repaired))
-            for i, (residual_model, noise) in enumerate(_recordings(diagnosis))
-        ]
-        entries = _entries(diagnosis, gains, findings[number], track)
-        where = entries["where"] | {"regime": findings[number]["where"]["regime"]}  # the domain of the equation
-        terms = _with_shares(findings[number]["parameters"], diagnosis, named)
-        findings[number] = findings[number] | {
-            "where": where,
-            "removes": _share(gains, sum(totals)),
-            "parameters": terms,
-        }
-    together = _share(_gains(diagnosis, before, after), sum(totals))
+    repair = _Repair(
+        diagnosis=diagnosis,
+        nothing=nothing,
+        named=_without_equation(diagnosis, nothing, repaired),
+        repaired=repaired,
+        after=after,
+        totals=[float(gain.sum()) for gain in _gains(diagnosis, before, [0.0] * len(before))],
+    )
+    findings = [finding | _location(repair, finding, vehicle, track) for finding in diagnosis.report["findings"]]
+    together = _share(_gains(diagnosis, before, after), sum(repair.totals))
     improvement = diagnosis.report["improvement"] | {"removes": together}
-    names = [residual_model.recording.name for residual_model, _ in _recordings(diagnosis)]
-    for number in (i for i, finding in enumerate(findings) if "recording" in finding):
-        i = names.index(findings[number]["recording"])
-        gain = _gain_in_one_recording(diagnosis, vehicle, i, findings[number])
-        findings[number] = findings[number] | {"removes": _share([gain], totals[i])}
     return {**diagnosis.report, "findings": findings, "improvement": improvement}
+
+
+@dataclass(frozen=True)
+class _Repair:
+    """What all findings of a diagnosis are located with.
+
+    Attributes:
+        diagnosis: the diagnosis.
+        nothing: the vehicle before the repair, with the terms of all effects idle.
+        named: the vehicle with the names of the repair and without its equation.
+        repaired: the repaired vehicle; the same one if the vehicle file does not carry the equation.
+        after: residuals (m, c) of each recording after the repair.
+        totals: squared error of each recording before the repair, in multiples of the noise.
+    """
+
+    diagnosis: Any
+    nothing: Vehicle
+    named: Vehicle
+    repaired: Vehicle
+    after: list[np.ndarray]
+    totals: list[float]
+
+
+def _location(repair: _Repair, finding: dict, vehicle: Vehicle, track: Track | None) -> dict:
+    """Return the entries of a finding that `locate_findings` adds."""
+    diagnosis = repair.diagnosis
+    if "recording" in finding:
+        names = [residual_model.recording.name for residual_model, _ in _recordings(diagnosis)]
+        i = names.index(finding["recording"])
+        return {"removes": _share([_gain_in_one_recording(diagnosis, vehicle, i, finding)], repair.totals[i])}
+    if "unexplained" in finding:
+        return _location_of_unexplained(repair, finding, track)
+    if finding["effect"] is None:
+        return _location_of_equation(repair, finding, track)
+    selected = next((one for one in diagnosis.selected if _is_of(finding, one.effect)), None)
+    return _location_of_name(repair, selected, finding, track) if selected else {}
+
+
+def _location_of_name(repair: _Repair, selected, finding: dict, track: Track | None) -> dict:
+    """Return the entries of the finding of a selected effect."""
+    diagnosis, without = repair.diagnosis, repair.nothing
+    for other in (one for one in diagnosis.selected if one is not selected):
+        without = inject(without, other.effect, other.values)
+    worse = [one.residual(without) for one, _ in _recordings(diagnosis)]
+    gains = _gains(diagnosis, worse, repair.after)
+    return _entries(diagnosis, gains, finding, track) | {
+        "removes": _share(gains, sum(repair.totals)),
+        "most_improved": _most_improved(diagnosis, gains, worse, repair.after),
+    }
+
+
+def _location_of_unexplained(repair: _Repair, finding: dict, track: Track | None) -> dict:
+    """Return the entries of a residual that nothing explains."""
+    diagnosis = repair.diagnosis
+    own = np.isin([channel.id for channel in diagnosis.evidence.residual_models[0].channels], finding["channels"])
+    left = _gains(diagnosis, [one * own for one in repair.after], [0.0] * len(repair.after))
+    return _entries(diagnosis, left, finding, track)
+
+
+def _location_of_equation(repair: _Repair, finding: dict, track: Track | None) -> dict:
+    """Return the entries of an equation."""
+    diagnosis = repair.diagnosis
+    gains = [
+        _gain(residual_model, noise, *_equation_residuals(diagnosis, i, repair.named, repair.repaired))
+        for i, (residual_model, noise) in enumerate(_recordings(diagnosis))
+    ]
+    entries = _entries(diagnosis, gains, finding, track)
+    domain = entries["where"] | {"regime": finding["where"]["regime"]}  # of the equation
+    return {
+        **entries,
+        "where": domain,
+        "removes": _share(gains, sum(repair.totals)),
+        "parameters": _with_shares(finding["parameters"], diagnosis, repair.named),
+    }
 
 
 def _gain_in_one_recording(diagnosis, vehicle: Vehicle, i: int, finding: dict) -> np.ndarray:

@@ -7,49 +7,15 @@ the repair is reported, has no part in this.
 
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.effects import Effect
-from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
-from swift_sim_bridge.gap.attribution.gauss_newton import (
-    gauss_newton_fit,
-    normal_equations_at,
-    residuals_at,
-    with_effects,
-)
-from swift_sim_bridge.gap.discovery import polynomial_search
-from swift_sim_bridge.gap.discovery.polynomial_search import Found
-from swift_sim_bridge.gap.effects.injection import file_values
-from swift_sim_bridge.gap.inference import stepwise
-from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, solve
-from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, parameter_steps, with_effect_terms
-from swift_sim_bridge.gap.residuals.channels import (
-    ACCELEROMETER,
-    ANGULAR_ACCELERATION,
-    ROTOR_SPEED,
-    SPECIFIC_FORCE,
-    VOLTAGE,
-)
-from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, rows_of_choice
-from swift_sim_bridge.physics.terms import equation
+from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffect
+from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit
+from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
+from swift_sim_bridge.gap.validation.repair_trials import Judge, Trial, kinds_without_name
 
-MAX_SUMMANDS = 8  # of an equation
-# Differences of `unseen_error`, a sum of logarithms of the channels' errors.
-MIN_BETTER = 0.01  # by which an equation must make the unseen part better
-KINDS = {  # left sides of an equation that describe a channel, by its quantity
-    SPECIFIC_FORCE: "force",
-    ACCELEROMETER: "force",
-    ANGULAR_ACCELERATION: "moment",
-    ROTOR_SPEED: "rotor_speed",
-    VOLTAGE: "voltage",
-}
-SIMILAR = 0.03  # of names and the equation that replaces them: the one with fewer numbers is better, or else the names
-MIN_WORSE = 1e-4  # by which a name or summand must make it worse to be left out
-MAX_LINEAR_ERROR = 0.02  # of an error to first order
-MAX_TRIED = 3  # names or summands that are left out in trials before the rest is taken to be needed
-MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they may differ
-DISAGREEMENT_ERRORS = 3.0  # standard errors by which they may differ where that is more
+# Difference of `unseen_error` of names and the equation that replaces them: the one with fewer numbers is better, or
+# else the names.
+SIMILAR = 0.03
 
 
 @dataclass(frozen=True)
@@ -74,58 +40,6 @@ class Repair:
         return (*self.names, *self.equation)
 
 
-@dataclass(frozen=True)
-class _Trial:
-    """Effects that are fitted to the first part of each flight.
-
-    Attributes:
-        names: the named effects.
-        equation: effects of an equation.
-        found: the equation's summands.
-        values: values of all of them by key.
-        error: `unseen_error`.
-    """
-
-    names: tuple[Effect, ...]
-    equation: tuple[Effect, ...]
-    found: tuple[Found, ...]
-    values: dict[str, np.ndarray]
-    error: float
-
-    @property
-    def numbers(self) -> int:
-        """How many numbers are fitted."""
-        return sum(len(one.parameters) for one in (*self.names, *self.equation))
-
-
-def unseen_error(evidence: Evidence, vehicle: Vehicle) -> float:
-    """Return the error of a vehicle on the unseen parts, see `log_error`."""
-    parts = []
-    for one in evidence.residual_models:
-        unseen = rows_of_choice(one)[1][:, None] & one.measured
-        parts.append(np.where(unseen, one.residual(vehicle), np.nan))
-    return log_error(parts)
-
-
-def log_error(parts) -> float:
-    """Return the sum over c channels of log(root mean square) of residuals (m, c) of each recording, NaN for none."""
-    residual = np.concatenate(parts)
-    squares = np.nansum(np.square(residual), axis=0) / np.maximum(np.sum(np.isfinite(residual), axis=0), 1)
-    return float(0.5 * np.sum(np.log(squares[squares > 0])))
-
-
-def _items(trial: _Trial) -> dict[str, np.ndarray]:
-    """Return the positions of the parameters of each name, by key, and of each new summand, by name."""
-    found, new = {}, {one.name for one in trial.found}
-    for key, rows in parameter_slices((*trial.names, *trial.equation)).items():
-        effect = next(one for one in (*trial.names, *trial.equation) if one.key == key)
-        if effect in trial.names:
-            found[key] = np.arange(rows.start, rows.stop)
-        else:
-            found |= {p.name: np.array([rows.start + i]) for i, p in enumerate(effect.parameters) if p.name in new}
-    return found
-
-
 def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     """Return the names and the equation that make the unseen parts of the flights better.
 
@@ -137,19 +51,46 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     fixed = tuple(one for one in found.selected if one.effect.id == "gust")  # random: no fit estimates it
     selected = tuple(one for one in found.selected if one.effect.id != "gust")
     all_names = (*selected, *found.withdrawn)
-    if not all_names and not found.equation_terms:
+    if not all_names and not kinds_without_name(found):
         return Repair(fixed)
-    judge = _Judge(found.evidence, with_effect_terms(vehicle, tuple(one.effect for one in all_names)), found)
+    judge = Judge(found.evidence, with_effect_terms(vehicle, tuple(one.effect for one in all_names)), found)
     trials = [judge.best_of(all_names)]
     if found.withdrawn:
         trials.append(judge.best_of(selected))
+    layers = {one.channel.layer for one in found.unexplained}
+    if doubtful := {one.effect.key for one in all_names if one.effect.layer in layers}:
+        trials.append(judge.best_of(tuple(one for one in all_names if one.effect.key not in doubtful)))
     best = min(trials, key=lambda one: one.error)
     best = min((one for one in trials if one.error < best.error + SIMILAR), key=lambda one: one.numbers)
     kept = {effect.key for effect in best.names}
     for one in all_names:
         if one.effect.key not in kept:
             progress(f"{one.effect.key}: not in the repair, unseen parts of the flight are better without it")
-    return judge.on_whole_flights(best, all_names, fixed)
+    if best.found:
+        best = judge.with_more_summands(best)
+    return _on_whole_flights(judge, best, all_names, fixed)
+
+
+def _on_whole_flights(judge: Judge, trial: Trial, names: tuple[SelectedEffect, ...], fixed) -> Repair:
+    """Return the repair of a trial with the values of the whole flights."""
+    kept = [one for one in names if one.effect in trial.names]
+    left_out = tuple(one for one in names if one.effect not in trial.names)
+    if not trial.equation and not left_out and not judge.found.withdrawn:
+        return Repair((*kept, *fixed))
+    effects = [*trial.names, *trial.equation]
+    if not effects:
+        return Repair(fixed, left_out)
+    values, covariance = gauss_newton_fit(judge.evidence, judge.vehicle, effects, trial.values)
+    whole = replace(trial, values=values)
+    if unstable := judge.disagreeing(whole, 1.0) if trial.equation else ():
+        stable = trial
+        for item in unstable:
+            stable = judge.without(stable, item)
+        return _on_whole_flights(judge, stable, names, fixed)
+    refitted = (replace(one, values=values[one.effect.key], covariance=covariance[one.effect.key]) for one in kept)
+    summands = (SelectedEffect(one, values[one.key], covariance[one.key], 0.0) for one in trial.equation)
+    shares = {one.name: one.removed_share for one in trial.found}
+    return Repair((*refitted, *fixed), left_out, tuple(summands), shares)
 
 
 def reported(found: SearchResult, chosen: Repair) -> SearchResult:
@@ -162,169 +103,3 @@ def reported(found: SearchResult, chosen: Repair) -> SearchResult:
     selected = tuple(in_repair.get(one.effect.key) or replace(one, is_certain=False) for one in found.selected)
     withdrawn = tuple(in_repair[one.effect.key] for one in found.withdrawn if one.effect.key in in_repair)
     return replace(found, selected=(*selected, *withdrawn))
-
-
-@dataclass(frozen=True)
-class _Judge:
-    """Fits effects to the first part of each flight and judges them on the rest.
-
-    Attributes:
-        evidence: the recordings.
-        vehicle: the vehicle of the file, with the terms of all names.
-        found: what the search has found.
-    """
-
-    evidence: Evidence
-    vehicle: Vehicle
-    found: SearchResult
-
-    def trial(self, names, equation_effects=(), summands=(), initial=None) -> _Trial:
-        """Return the trial of some effects."""
-        effects, values = [*names, *equation_effects], {}
-        if effects:
-            values, _ = gauss_newton_fit(self.evidence, self.vehicle, effects, initial or {}, CHOICE_SHARE)
-        error = unseen_error(self.evidence, with_effects(self.vehicle, effects, values))
-        return _Trial(tuple(names), tuple(equation_effects), tuple(summands), values, error)
-
-    def best_of(self, names: tuple[SelectedEffect, ...]) -> _Trial:
-        """Return the best trial of these names: without those that make it worse, with an equation if that is better.
-
-        Names are left out one after the other, the one first without which the unseen part is best.
-        """
-        initial = {one.effect.key: one.values for one in names}
-        best = self._without_worse(self.trial([one.effect for one in names], initial=initial))
-        if not self.found.equation_terms:
-            return best
-        with_equation = self._with_equation(best)
-        gain = best.error - with_equation.error
-        if gain < MIN_BETTER and abs(gain) > MIN_WORSE:  # without any change the unseen part does not show it: a place
-            return best
-        return self._without_worse(with_equation)
-
-    def _without_worse(self, best: _Trial) -> _Trial:
-        """Return a trial without the names and summands that make the unseen part worse.
-
-        To first order it is known for each what the unseen part is without it; those that may be better are tried.
-        """
-        while best.names or best.equation:
-            errors = self._errors_without(best)
-            likely = sorted((one for one in errors if errors[one] < best.error + MAX_LINEAR_ERROR), key=errors.get)
-            others = (self._without(best, item) for item in likely[:MAX_TRIED])
-            other = next((one for one in others if one.error < best.error - MIN_WORSE), None)
-            if other is None:
-                return best
-            best = other
-        return best
-
-    def _without(self, trial: _Trial, item: str) -> _Trial:
-        """Return the trial without one name, by its key, or without one summand, by its name."""
-        names = [one for one in trial.names if one.key != item]
-        found = [one for one in trial.found if one.name != item]
-        effects = equation_effects(self.vehicle, found) if found else ()
-        values = dict(trial.values)
-        for effect in effects:
-            old = {p.name: x for e in trial.equation for p, x in zip(e.parameters, trial.values[e.key], strict=True)}
-            values[effect.key] = np.array([old[parameter.name] for parameter in effect.parameters])
-        return self.trial(names, effects, found, values)
-
-    def _errors_without(self, trial: _Trial) -> dict[str, float]:
-        """Return `unseen_error` without each name, by key, and each new summand, by name, to first order."""
-        effects = (*trial.names, *trial.equation)
-        repaired = with_effects(self.vehicle, list(effects), trial.values)
-        lines = self.evidence.cache.linearisations(self.evidence.residual_models, repaired, effects, True)
-        training, unseen = [], []
-        for line, one, sigma in zip(lines, self.evidence.residual_models, self.evidence.sigmas, strict=True):
-            rows = rows_of_choice(one)
-            weight = (rows[0][:, None] & one.measured) / sigma
-            x = (line.sensitivity * weight).reshape(len(line.sensitivity), -1)
-            training.append((x @ x.T, x @ (line.residual * weight).ravel()))
-            unseen.append((line, np.where(rows[1][:, None] & one.measured, 1.0, np.nan)))
-        information, gradient = (sum(parts) for parts in zip(*training, strict=True))
-        change = np.concatenate(
-            [(file_values(effect, self.vehicle) - trial.values[effect.key]) for effect in effects]
-        ) / parameter_steps(effects)
-        found = {}
-        for item, rows in _items(trial).items():
-            others = np.setdiff1d(np.arange(len(change)), rows)
-            step = np.zeros(len(change))
-            step[rows] = change[rows]
-            right = gradient[others] + information[np.ix_(others, rows)] @ change[rows]
-            step[others] = -solve(information[np.ix_(others, others)], right)
-            parts = [(line.residual + np.tensordot(step, line.sensitivity, 1)) * known for line, known in unseen]
-            found[item] = log_error(parts)
-        return found
-
-    def _with_equation(self, trial: _Trial) -> _Trial:
-        """Return the trial with the equation of what its names leave, without summands that make it worse."""
-        repaired = with_effects(self.vehicle, list(trial.names), trial.values)
-        found = polynomial_search.search(
-            self.evidence.residual_models,
-            repaired,
-            residuals_at(self.evidence, repaired),
-            self.evidence.sigmas,
-            CHOICE_SHARE,
-            self.found.evidence.library.places,
-        )
-        kinds = {KINDS[term.channel.quantity] for term in self.found.equation_terms if term.channel.quantity in KINDS}
-        kinds |= {"force", "moment"} if kinds & {"force", "moment"} else set()
-        found = [one for one in found if equation.kind_of(one.side) in kinds][:MAX_SUMMANDS]
-        names = [one for one in trial.names if not one.id.startswith(equation.PREFIX)]
-        while found:
-            effects = equation_effects(self.vehicle, found)
-            new = self.trial(names, effects, found, trial.values)
-            unstable = self.disagreeing(new, CHOICE_SHARE)
-            if not unstable:
-                return new
-            found = [one for one in found if one.name not in unstable]
-        return trial
-
-    def disagreeing(self, trial: _Trial, share: float) -> set[str]:
-        """Return the new summands whose coefficient differs from the first half of the flights to the second."""
-        joint = (*trial.names, *trial.equation)
-        repaired = with_effects(self.vehicle, list(joint), trial.values)
-        equations = normal_equations_at(self.evidence, repaired, joint, share)
-        parameters = [parameter for effect in joint for parameter in effect.parameters]
-        now = np.concatenate([trial.values[effect.key] for effect in joint])
-        steps, rows = parameter_steps(joint), np.arange(len(parameters))
-        halves = np.array_split(np.arange(len(equations.squares)), 2)
-        parts = [NormalEquations(*(part[half] for part in vars(equations).values())) for half in halves]
-        fits = [stepwise.fit(part, rows) for part in parts]
-        shown = np.min([part.parameter_information for part in parts], axis=0)
-        in_both = shown > polynomial_search.ONE_HALF_SHARE * equations.parameter_information
-        (first, second) = (now + one.estimate * steps for one in fits)
-        errors = np.sqrt(sum(np.diag(one.covariance) for one in fits)) * steps
-        apart = in_both & (
-            np.abs(first - second)
-            > np.maximum(DISAGREEMENT_ERRORS * errors, MAX_DISAGREEMENT * 0.5 * np.abs(first + second))
-        )
-        new = {one.name for one in trial.found}
-        return {one.name for one, differs in zip(parameters, apart, strict=True) if differs and one.name in new}
-
-    def on_whole_flights(self, trial: _Trial, names: tuple[SelectedEffect, ...], fixed) -> Repair:
-        """Return the repair with the values of the whole flights."""
-        kept = [one for one in names if one.effect in trial.names]
-        left_out = tuple(one for one in names if one.effect not in trial.names)
-        if not trial.equation and not left_out and not self.found.withdrawn:
-            return Repair((*kept, *fixed))
-        effects = [*trial.names, *trial.equation]
-        if not effects:
-            return Repair(fixed, left_out)
-        values, covariance = gauss_newton_fit(self.evidence, self.vehicle, effects, trial.values)
-        whole = replace(trial, values=values)
-        if unstable := self.disagreeing(whole, 1.0) if trial.equation else ():
-            stable = trial
-            for item in unstable:
-                stable = self._without(stable, item)
-            return self.on_whole_flights(stable, names, fixed)
-        refitted = (replace(one, values=values[one.effect.key], covariance=covariance[one.effect.key]) for one in kept)
-        summands = (SelectedEffect(one, values[one.key], covariance[one.key], 0.0) for one in trial.equation)
-        shares = {one.name: one.removed_share for one in trial.found}
-        return Repair((*refitted, *fixed), left_out, tuple(summands), shares)
-
-
-def equation_effects(vehicle: Vehicle, found) -> tuple[Effect, ...]:
-    """Return the effects of an equation with new summands beside those of the vehicle file."""
-    entry = {side: dict(own) for side, own in vehicle.terms.get("equation", {}).items()}
-    for one in found:
-        entry.setdefault(one.side, {}).setdefault(one.product, {"coefficient": 0.0, "range": list(one.range)})
-    return equation.effects(replace(vehicle, terms={**vehicle.terms, "equation": entry}))

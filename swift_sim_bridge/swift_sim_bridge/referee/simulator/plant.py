@@ -114,8 +114,6 @@ class Outputs(NamedTuple):
 def plant_of(content: dict, summands: dict | None = None, among: Iterable[dict] = ()) -> dict:
     """Return the parameters of the equations of motion for a vehicle file's content: arrays by name.
 
-    Mass, inertia, rotor positions and lift contain the terms com_offset, payload and damaged_propeller.
-
     Args:
         content: the content; physics without a name stands in its keys `strange` and `blind`, see these modules.
         summands: of an equation, see `polynomial.summands_of`; None for no equation.
@@ -123,26 +121,11 @@ def plant_of(content: dict, summands: dict | None = None, among: Iterable[dict] 
             other flight pays for them.
     """
     count, given = len(content["rotors"]), content.get("terms", {})
-    mass, inertia = content["mass"], np.asarray(content["inertia"], dtype=float)
-    inertia = np.diag(inertia) if inertia.ndim == 1 else inertia
-    position = np.array([rotor["position"] for rotor in content["rotors"]], dtype=float)
     lift = np.full(count, content["thrust_coefficient"])
-    if "payload" in given:
-        load, at = given["payload"]["mass"], np.asarray(given["payload"].get("position", [0.0] * 3), dtype=float)
-        centre = load / (mass + load) * at
-        for m, r in ((mass, -centre), (load, at - centre)):  # parallel axis theorem about the common centre of mass
-            inertia = inertia + m * (r @ r * np.eye(3) - np.outer(r, r))
-        mass, position = mass + load, position - centre
-    if "com_offset" in given:
-        position = position - np.asarray(given["com_offset"]["position"], dtype=float)
     if "damaged_propeller" in given:
         lift[given["damaged_propeller"]["rotor"] - 1] *= 1.0 - given["damaged_propeller"]["loss"]
     motor, battery = content["motor"], content["battery"]
-    plant = {
-        "mass": mass,
-        "inertia": inertia,
-        "inverse": np.linalg.inv(inertia),
-        "position": position,
+    plant = _body_of(content) | {
         "turn": np.array([rotor["spin"] for rotor in content["rotors"]], dtype=float),
         "lift": lift,
         "torque": content["torque_coefficient"],
@@ -172,6 +155,22 @@ def plant_of(content: dict, summands: dict | None = None, among: Iterable[dict] 
     for name, idle in IDLE_TERMS.items():
         plant[name] = idle | given.get(name, {})
     return plant
+
+
+def _body_of(content: dict) -> dict:
+    """Return mass, inertia with its inverse, and rotor positions from the centre of mass, with load and offset."""
+    given, mass, inertia = content.get("terms", {}), content["mass"], np.asarray(content["inertia"], dtype=float)
+    inertia = np.diag(inertia) if inertia.ndim == 1 else inertia
+    position = np.array([rotor["position"] for rotor in content["rotors"]], dtype=float)
+    if "payload" in given:
+        load, at = given["payload"]["mass"], np.asarray(given["payload"].get("position", [0.0] * 3), dtype=float)
+        centre = load / (mass + load) * at
+        for m, r in ((mass, -centre), (load, at - centre)):  # parallel axis theorem about the common centre of mass
+            inertia = inertia + m * (r @ r * np.eye(3) - np.outer(r, r))
+        mass, position = mass + load, position - centre
+    if "com_offset" in given:
+        position = position - np.asarray(given["com_offset"]["position"], dtype=float)
+    return {"mass": mass, "inertia": inertia, "inverse": np.linalg.inv(inertia), "position": position}
 
 
 def derivative(state: State, inputs: Inputs, plant: dict) -> tuple[State, Outputs]:

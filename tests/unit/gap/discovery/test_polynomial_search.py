@@ -1,18 +1,21 @@
 """The search for an equation of the vehicle file, on a motion in closed form to whose residuals a force is added."""
 
+from dataclasses import replace
 from functools import cache
 
 import jax
+import lissajous_flight
 import numpy as np
 import pytest
 from known_motion import motion, specific_force
+from lissajous_flight import flight
 
 from swift_ros import geometry
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.discovery import polynomial_search
-from swift_sim_bridge.gap.inference.sensitivity import Linearisation
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation, linearise, perturbed_variants
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.filters import apply
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
@@ -50,7 +53,7 @@ def residual_model() -> ResidualModel:
     return ResidualModel(read_recording(table, vehicle()))
 
 
-def searched(force_y):
+def searched(force_y, share=1.0, known=()):
     """Search in residuals that are noise and a force (n,) N along y, of the samples' velocities (n, 3) m/s."""
     one = residual_model()
     channels = [channel.id for channel in one.channels]
@@ -60,8 +63,8 @@ def searched(force_y):
     added = apply(one.filter.smooth, force_y(one.recording.t, v_body)[:, None])[:, 0] / vehicle().mass
     residual[:, channels.index("specific_force_y")] += added
     line = Linearisation(one.t, residual, np.zeros((0, *residual.shape)), one.good)
-    sigma = np.full(len(channels), NOISE)
-    return polynomial_search.search((one,), vehicle(), [line], (sigma,), 1.0)
+    residuals = polynomial_search.Residuals((one,), [line], (np.full(len(channels), NOISE),))
+    return polynomial_search.search(residuals, vehicle(), share, known)
 
 
 def test_a_planted_product_is_found_with_its_side_and_the_range_of_the_flight():
@@ -74,6 +77,33 @@ def test_two_products_come_in_the_order_of_what_each_removes():
     first, second = searched(lambda t, v: 0.02 * v[:, 0] * v[:, 2] + 0.06 * v[:, 0])
     assert {first.name, second.name} == {"force_y: v_x v_z", "force_y: v_x"}
     assert first.removed_share > second.removed_share > 0.02
+
+
+def test_more_of_the_flight_shows_a_weak_summand_beside_the_known_one():
+    def force(t, v):
+        return 0.01 * v[:, 0] * v[:, 2] + 0.015 * v[:, 0]
+
+    known = searched(force, 0.5)
+    assert [one.name for one in known] == ["force_y: v_x v_z"]
+    strong, weak = searched(force, 1.0, known)
+    assert strong == known[0] and weak.name == "force_y: v_x"
+
+
+def test_the_range_is_that_of_the_whole_flight_also_where_a_part_is_searched():
+    (half,), (whole,) = (searched(lambda t, v: 0.05 * v[:, 0] * v[:, 2], share) for share in (0.5, 1.0))
+    assert half.name == whole.name and half.range == whole.range
+
+
+def test_the_range_of_a_current_is_the_recorded_one_though_the_voltage_has_no_mean():
+    table, file = flight(2), lissajous_flight.vehicle()
+    current, voltage = table["current"].values, table["voltage"]
+    lowered = Samples(voltage.t, voltage.values - 0.03 * current)
+    one = ResidualModel(read_recording(replace(table, channels={**table.channels, "voltage": lowered}), file))
+    line = linearise(one, perturbed_variants(file, ()))
+    residuals = polynomial_search.Residuals((one,), [line], (np.full(len(one.channels), 0.02),))
+    (found,) = (one for one in polynomial_search.search(residuals, file, 1.0) if one.side == "voltage")
+    assert found.product == "current" and found.range[0] > 0.0
+    assert found.range[0] < np.quantile(current, 0.01) and np.quantile(current, 0.99) < found.range[1]
 
 
 def test_a_coefficient_that_flips_between_the_halves_of_the_flight_is_not_kept():
@@ -94,5 +124,6 @@ def test_a_force_at_a_place_is_found_where_the_place_is_offered():
     added = apply(one.filter.smooth, 3.0 * weight[:, None])[:, 0] / vehicle().mass
     residual[:, channels.index("specific_force_z")] += added
     line = Linearisation(one.t, residual, np.zeros((0, *residual.shape)), one.good)
-    found = polynomial_search.search((one,), vehicle(), [line], (np.full(len(channels), NOISE),), 1.0, (near,))
+    residuals = polynomial_search.Residuals((one,), [line], (np.full(len(channels), NOISE),), (near,))
+    found = polynomial_search.search(residuals, vehicle(), 1.0)
     assert found[0].side == "force_z" and found[0].product.startswith(near)

@@ -4,53 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from linear_flight import RATE, SECONDS, SLICES, flight, null_of, problem_of
 
 from swift_sim_bridge.gap.inference.normal_equations import accumulate, fit_gain
-from swift_sim_bridge.gap.inference.null_distribution import estimate_null_distribution, scaled_to_recording
-from swift_sim_bridge.gap.inference.sensitivity import Linearisation
+from swift_sim_bridge.gap.inference.null_distribution import scaled_to_recording
 from swift_sim_bridge.gap.inference.stepwise import (
     SelectionProblem,
     backward_elimination,
     best_addition,
-    better_replacement,
     bounded_step,
-    find_confounders,
     fit,
-    is_large,
     observable,
     passes_cross_validation,
     restricted_to,
-    simpler_replacement,
     without_parameters,
 )
-
-SECONDS, RATE = 20, 50
-SLICES = {"drag": slice(0, 1), "lift": slice(1, 3), "similar drag": slice(3, 4), "idle": slice(4, 5)}
-
-
-def sensitivity_of(rng, similarity=1.0):
-    """Return sensitivities (5, m, 2): the fourth is the first but for a share, the fifth is zero."""
-    found = rng.standard_normal((5, SECONDS * RATE, 2))
-    found[3] = similarity * found[0] + (1.0 - similarity) * found[3]
-    found[4] = 0.0
-    return found
-
-
-def flight(seed, parameters=(0.0,) * 5, similarity=1.0):
-    """Return a linearised recording in unit noise: residual = noise - sensitivity x parameters."""
-    rng = np.random.default_rng([seed, 7])
-    x = sensitivity_of(np.random.default_rng(3), similarity)
-    residual = rng.standard_normal(x.shape[1:]) - np.einsum("p,pmc->mc", np.array(parameters), x)
-    return Linearisation(np.arange(SECONDS * RATE) / RATE, residual, x, np.ones(SECONDS * RATE, bool))
-
-
-def null_of(references, **options):
-    return estimate_null_distribution(references, SLICES, **options)
-
-
-def problem_of(parameters, similarity=1.0):
-    null = null_of([flight(seed, similarity=similarity) for seed in range(24)])
-    return SelectionProblem(accumulate(flight(100, parameters, similarity), null.sigma), SLICES, null)
 
 
 @pytest.mark.parametrize(("motion", "share"), [(1.0, 0.25), (0.5, 1.0), (3.0, 0.25)])
@@ -81,75 +49,6 @@ def test_planted_effects_are_selected_one_after_the_other_and_then_no_more():
 def test_an_effect_that_others_make_superfluous_is_removed():
     problem = problem_of((0.5, 0.0, 0.0, 0.0, 0.0), similarity=0.3)
     assert backward_elimination(problem, ["similar drag", "drag"]) == ["drag"]
-
-
-@pytest.mark.parametrize(("similarity", "confounders"), [(0.999, {"drag", "similar drag"}), (0.3, {"drag"})])
-def test_effects_that_a_flight_cannot_distinguish_are_confounders(similarity, confounders):
-    problem = problem_of((0.5, 0.0, 0.0, 0.0, 0.0), similarity=similarity)
-    assert set(find_confounders(problem, ["drag"], "drag")) == confounders
-
-
-def test_a_strong_effect_is_not_replaced_for_a_difference_within_the_simulators_error():
-    strong = problem_of((30.0, 0.0, 0.0, 0.0, 0.0), similarity=0.98)
-    lost = 1.0 - strong.gain(["similar drag"]) / strong.gain(["drag"])
-    assert 1e-4 < lost < 1e-3 and lost * strong.gain(["drag"]) > 100.0
-    assert better_replacement(strong, [], "similar drag") == (None, 0.0)
-    assert better_replacement(problem_of((30.0, 0.0, 0.0, 0.0, 0.0), similarity=0.9), [], "similar drag")[0] == "drag"
-
-
-def test_a_difference_that_the_bias_of_the_pipeline_explains_distinguishes_no_two_effects():
-    parameters = (0.5, 0.0, 0.0, 0.0, 0.0)
-    problem, line = problem_of(parameters, similarity=0.9), flight(100, parameters, similarity=0.9)
-    unbiased = replace(problem, uncorrected=problem.equations)
-    assert set(find_confounders(unbiased, ["drag"], "drag")) == {"drag"}
-    difference = line.sensitivity[0] - line.sensitivity[3]
-    uncorrected = accumulate(replace(line, residual=line.residual - 0.5 * difference), problem.null_distribution.sigma)
-    biased = replace(problem, uncorrected=uncorrected)
-    assert set(find_confounders(biased, ["drag"], "drag")) == {"drag", "similar drag"}
-
-
-def test_unexplained_residuals_hide_the_difference_between_two_effects():
-    parameters = (0.5, 0.0, 0.0, 0.0, 0.0)
-    problem, line = problem_of(parameters, similarity=0.8), flight(100, parameters, similarity=0.8)
-    assert set(find_confounders(problem, ["drag"], "drag")) == {"drag"}
-    alternating = np.tile([2.0, -2.0], SECONDS // 2).repeat(RATE)[:, None]
-    difference = line.sensitivity[0] - line.sensitivity[3]  # one effect explains more now, the other a second later
-    disturbed = replace(line, residual=line.residual + alternating * difference)
-    equations = accumulate(disturbed, problem.null_distribution.sigma)
-    assert set(find_confounders(replace(problem, equations=equations), ["drag"], "drag")) == {"drag", "similar drag"}
-
-
-def problem_with_sum(parameters, whole: int, parts: tuple[int, int]) -> SelectionProblem:
-    """Return the problem of a flight in which one sensitivity is the sum of two others."""
-
-    def with_sum(seed, parameters=(0.0,) * 5):
-        line = flight(seed, parameters, similarity=0.3)
-        line.sensitivity[whole] = sum(line.sensitivity[part] for part in parts)
-        return line
-
-    null = null_of([with_sum(seed) for seed in range(24)])
-    return SelectionProblem(accumulate(with_sum(100, parameters), null.sigma), SLICES, null)
-
-
-@pytest.mark.parametrize(("change", "confounders"), [(0.2, {"drag", "lift"}), (0.5, {"drag"})])
-def test_the_number_of_parameters_does_not_decide_between_small_effects(change, confounders):
-    """Drag is lift in one proportion, as the moment of a damaged propeller is that of one centre of mass."""
-    problem = problem_with_sum((0.0, change, change, 0.0, 0.0), whole=0, parts=(1, 2))
-    assert is_large(problem, [], "drag") and is_large(problem, [], "lift") == (change > 0.2)
-    assert set(find_confounders(problem, ["drag"], "drag")) == confounders
-
-
-def test_an_effect_that_was_selected_first_is_replaced_by_one_that_explains_more():
-    problem = problem_of((0.0, 0.0, 0.0, 0.5, 0.0), similarity=0.8)
-    assert better_replacement(problem, [], "drag")[0] == "similar drag"
-    assert better_replacement(problem, [], "similar drag") == (None, 0.0)
-
-
-@pytest.mark.parametrize(("lift", "expected"), [(0.5, (["drag", "lift"], "idle")), (0.8, ([], None))])
-def test_one_effect_replaces_two_that_are_its_parts_in_its_own_proportion(lift, expected):
-    """The last effect is the sum of drag and lift, in one proportion."""
-    problem = problem_with_sum((0.5, lift, 0.0, 0.0, 0.0), whole=4, parts=(0, 1))
-    assert simpler_replacement(problem, ["drag", "lift"], lambda others: set()) == expected
 
 
 def test_an_estimate_outside_its_physical_bounds_is_not_selected_but_one_at_the_bound_is():

@@ -144,6 +144,18 @@ def test_an_ambiguous_effect_is_resolved_by_a_recording_that_identifies_it():
     assert len(multi_flight._resolve_by_other_flights([twice, punch], VEHICLE)[0].own_effects) == 1
 
 
+def test_the_likeliest_of_what_a_flight_can_have_alone_stands_for_its_set():
+    """The mass is likelier still, but belongs to all flights, whose search has not found it."""
+    changes = {"accel_scale": np.array([0.0, 0.0, 0.03]), "accel_bias": np.array([0.0, 0.0, 0.3]), "mass": np.ones(1)}
+    weights = {"mass": 0.5, "accel_bias": 0.4, "accel_scale": 0.1}
+    own = replace(selected("accel_scale", changes["accel_scale"]), confounders=weights, changes=changes)
+    evidence = SimpleNamespace(effects=tuple(EFFECTS.values()))
+    single = multi_flight.SingleRecording(evidence, (own,), np.zeros(6))
+    (likeliest,) = multi_flight._with_likeliest_first(single, VEHICLE).own_effects
+    assert likeliest.effect.key == "accel_bias" and likeliest.values == pytest.approx([0.0, 0.0, 0.3])
+    assert likeliest.confounders == weights
+
+
 def test_the_bias_of_the_products_is_weighted_by_the_duration_of_each_flight():
     def part(bias):
         return NullDistribution(
@@ -197,7 +209,7 @@ def test_errors_are_averaged_over_the_flights_that_have_them():
 
 
 def test_the_page_names_the_recording_of_a_finding():
-    sure = FINDING | {"verdict": "confirmed"}
+    sure = FINDING | {"verdict": "confirmed", "alternatives": []}
     report = REPORT | {
         "verdict": "confirmed",
         "findings": [

@@ -108,3 +108,9 @@ def test_the_channel_to_record_first_is_the_one_that_makes_most_testable():
 def test_without_findings_the_file_is_kept():
     first, *rest = steps([])
     assert first["text"] == "Keep drone.yaml: no value in it changes." and not rest
+
+
+def test_an_equation_without_a_name_is_a_repaired_file_to_be_tested():
+    unnamed = {"effect": None, "variant": "", "verdict": "unknown", "in_repair": True}
+    first, *_ = steps([FINDING | unnamed | {"parameters": {}, "alternatives": []}])
+    assert first["text"].startswith("Simulate with the repaired vehicle file") and len(first["commands"]) == 3

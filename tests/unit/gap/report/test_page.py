@@ -20,7 +20,8 @@ SIZES = {"desk": (1280, 900), "phone": (390, 844), "small phone": (320, 640)}
 def address(tmp_path_factory):
     """Write the page of a report with two names and a long equation, and return its address."""
     folder = tmp_path_factory.mktemp("report")
-    delay = FINDING | {"effect": "time_offset", "removes": 0.7, "caution": SLOW, "alternatives": []}
+    delay = FINDING | {"effect": "time_offset", "verdict": "tentative", "alternatives": []}
+    delay |= {"removes": 0.7, "caution": SLOW}
     terms = [
         term("specific_force_x", f"omega_{axis} v_x within 0.8 m of (1.0, 2.0, 1.1)", 0.1, "s", 0.1) for axis in "xyz"
     ]

@@ -14,7 +14,7 @@ from swift_sim_bridge.gap.discovery.polynomial_search import Found
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.report import repaired_files
-from swift_sim_bridge.gap.validation.repair_choice import equation_effects
+from swift_sim_bridge.gap.validation.repair_trials import equation_effects
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms import motion, registry
 from swift_sim_bridge.simulation import checks
@@ -51,6 +51,20 @@ def test_command_latency_and_jitter_are_written_to_one_entry_of_the_file(tmp_pat
 def test_the_comment_on_a_change_names_the_value_before(tmp_path):
     repaired(tmp_path, content(), mass=[1.1 * VEHICLE.mass])
     assert f"was {VEHICLE.mass:.5g}\n" in (tmp_path / "vehicle.yaml").read_text()
+
+
+def test_the_comment_on_an_ambiguous_change_has_the_weights_of_all_that_it_could_be(tmp_path):
+    offset = SelectedEffect(
+        EFFECTS["com_offset"],
+        np.array([0.001, 0.0, 0.0]),
+        1e-8 * np.eye(3),
+        9.0,
+        confounders={"com_offset": 0.95, "damaged_propeller[2]": 0.05},
+    )
+    found = SimpleNamespace(selected=[offset], vehicle=inject(VEHICLE, offset.effect, offset.values))
+    text = repaired_files.vehicle_text(content(), found, SOURCE)
+    comment = "# terms.com_offset.position[0] (ambiguous: com_offset 0.95, damaged_propeller[2] 0.05): 0.001 "
+    assert comment in text
 
 
 def test_another_damaged_propeller_replaces_the_one_in_the_file(tmp_path):

@@ -22,6 +22,8 @@ from swift_sim_bridge.gap.report.html import html_page
 from swift_sim_bridge.gap.report.terminal import terminal_text
 from swift_sim_bridge.gap.validation.holdout import HoldoutResult
 
+TENTATIVE = FINDING | {"verdict": "tentative", "alternatives": []}
+
 
 def test_the_mismatch_is_located_in_layer_and_time_in_multiples_of_the_noise():
     one = mismatch()
@@ -45,7 +47,7 @@ def test_the_page_describes_the_missing_effect_and_holds_every_picture(tmp_path)
     texts = (
         "rotor drag",
         "The rotors drag.",
-        "cannot distinguish it from: damaged propeller 2 (30%).",
+        "cannot distinguish it (70 %) from: damaged propeller 2 (30 %); none is clearly likelier.",
         "one speed at two thrusts",
         "0.21 →</span> <span class=is>0.010 m",
         "<th>repaired</th>",
@@ -113,13 +115,21 @@ def test_the_headline_names_confirmed_and_probable_effects():
     headline = sentences.headline(REPORT | {"findings": [FINDING, confirmed]})
     assert headline == (
         "The simulation lacks an effect, and several effects could explain it. Confirmed: mass. "
-        "Probable: either rotor drag or damaged propeller 2."
+        "Probable: either rotor drag (70 %) or damaged propeller 2 (30 %) (none clearly likelier)."
     )
-    tentative = {**FINDING, "verdict": "tentative", "alternatives": []}
-    findings = [tentative, tentative | {"effect": "accel_bias"}]
+    findings = [TENTATIVE, TENTATIVE | {"effect": "accel_bias"}]
     assert sentences.headline({"verdict": "tentative", "findings": findings}) == (
         "The simulation lacks an effect, which is identified with low confidence. Probable: rotor drag and accel bias."
     )
+
+
+def test_the_likeliest_of_a_set_comes_first_with_all_weights():
+    clear = [one | {"weight": weight} for one, weight in zip(FINDING["alternatives"], (0.95, 0.05), strict=True)]
+    report = REPORT | {"findings": [FINDING | {"alternatives": clear}]}
+    assert "Probable: either rotor drag (95 %) or damaged propeller 2 (5.0 %)." in sentences.headline(report)
+    sentence = "The likeliest (95 %); these recordings cannot distinguish it from: damaged propeller 2 (5.0 %)."
+    assert f"  {sentence} To separate them: one speed at two thrusts\n" in terminal_text(report)
+    assert sentence in html_page(report, "drone.yaml", PARAMETERS, {}, Path())
 
 
 def test_an_equation_is_printed_with_its_terms_and_their_units_those_first_that_remove_most():
@@ -143,10 +153,10 @@ def test_the_smaller_terms_of_a_long_equation_are_folded_and_a_ratio_has_no_unit
 
 
 def test_findings_stand_in_the_order_of_the_error_that_they_remove():
-    small, large = (FINDING | {"effect": name, "removes": share} for name, share in (("wind", 0.001), ("mass", 0.7)))
+    small, large = (TENTATIVE | {"effect": name, "removes": share} for name, share in (("wind", 0.001), ("mass", 0.7)))
     report = REPORT | {"findings": [small, FINDING, large]}
     html, text = html_page(report, "drone.yaml", PARAMETERS, {}, Path()), terminal_text(report)
-    for names in (["<h3>mass", "<h3>rotor drag", "<h3>wind"], ["ambiguous: mass", "ambiguous: rotor drag"]):
+    for names in (["<h3>mass", "<h3>rotor drag", "<h3>wind"], ["tentative: mass", "ambiguous: rotor drag"]):
         places = [(html if name.startswith("<") else text).index(name) for name in names]
         assert places == sorted(places)
 

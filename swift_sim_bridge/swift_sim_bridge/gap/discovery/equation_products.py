@@ -1,0 +1,170 @@
+"""Products of quantities in a recording: what an equation of the vehicle file may consist of.
+
+They are computed by the functions that the simulator flies (`physics.terms.quantities`).
+"""
+
+from collections.abc import Iterator
+from itertools import combinations_with_replacement
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.residuals import physics_replay
+from swift_sim_bridge.gap.residuals.channels import ANGULAR_ACCELERATION, ROTOR_SPEED, SPECIFIC_FORCE, VOLTAGE, Channel
+from swift_sim_bridge.gap.residuals.filters import apply, averaged, derivative, lagged
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.gap.residuals.sensor_correction import correct
+from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
+from swift_sim_bridge.physics.terms import quantities, registry
+from swift_sim_bridge.physics.terms.motion import Instant, Motion, instant_of
+from swift_sim_bridge.physics.terms.vectors import stack, vector
+from swift_sim_bridge.sensors.terms import sensor_terms
+
+RATES, SPEEDS = ("omega_x", "omega_y", "omega_z"), ("v_x", "v_y", "v_z")
+AIR = ("", "v_x", "v_y", "v_z", "v_xy", "v_xy^2", "mu^2", "mu^3", "sink", "sink^2", "sink^3", "ring", "ground")
+IN_MOTION = (
+    "1",
+    *SPEEDS,
+    *RATES,
+    "|v|",
+    "v_xy",
+    "v_xy^2",
+    "v_xy v_z",
+    "min(v_z,0)",
+    *(f"|v| {v}" for v in SPEEDS),
+    *(" ".join(pair) for pair in combinations_with_replacement((*SPEEDS, *RATES), 2)),
+    *(f"thrust {one}".strip() for one in (*AIR, *RATES)),
+    *(f"Omega {one}" for one in (*SPEEDS, *RATES)),
+    *(f"spin_Omega {one}" for one in (*SPEEDS[:2], *RATES[:2])),
+    "spin_Omega'",
+    *(f"{name}_{axis}" for name in ("up", "east", "north") for axis in "xyz"),
+)
+OF_MOTOR = ("1", "u", "sqrt(u)", "u^2", "U", "U u", "U sqrt(u)", "Omega")
+OF_PACK = ("current", "charge", "current^2", "current^3", "Omega^3")
+
+
+class Products(NamedTuple):
+    """Products of quantities in a recording.
+
+    Attributes:
+        names: of the q products.
+        values: (m, q), filtered as the residual to which they belong.
+        ranges: (q, 2) lowest and highest values that the simulator would meet in the recording.
+        means: (q,) means that the values of a left side without a mean have lost; zeros elsewhere.
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    ranges: np.ndarray
+    means: np.ndarray
+
+
+def products_of_recording(residual_model: ResidualModel, vehicle: Vehicle, places) -> dict[str, dict[int, Products]]:
+    """Return by left side, by index of each channel that shows it, the products.
+
+    The channel's residual is proportional to them: by mass or inertia, and behind the lag of a motor.
+    """
+    found: dict = {}
+    parameters = parameters_from_vehicle(vehicle, np.float64, np.asarray)
+    channels = residual_model.channels
+    shown = {"force": SPECIFIC_FORCE, "moment": ANGULAR_ACCELERATION}
+    if any(channel.quantity in shown.values() for channel in channels):
+        products = (*IN_MOTION, *_of_rotors(vehicle), *_at_places(places))
+        moving = _in_motion(residual_model, vehicle, parameters, products)
+        for kind, quantity in shown.items():
+            for c, axis in _axes(channels, quantity):
+                found[f"{kind}_{'xyz'[axis]}"] = {c: moving}
+    rotors = [c for c, channel in enumerate(channels) if channel.quantity == ROTOR_SPEED]
+    if rotors:
+        found["rotor_speed"] = dict(zip(rotors, _of_motors(residual_model, vehicle, parameters), strict=True))
+    if packs := [c for c, channel in enumerate(channels) if channel.quantity == VOLTAGE]:
+        found["voltage"] = {packs[0]: _of_pack(residual_model, vehicle)}
+    return found
+
+
+def _axes(channels: tuple[Channel, ...], quantity: str) -> Iterator[tuple[int, int]]:
+    """Yield (channel, axis) of a body vector."""
+    yield from ((c, "xyz".index(one.axis)) for c, one in enumerate(channels) if one.quantity == quantity)
+
+
+def _of_rotors(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the thrust of each rotor as a product."""
+    return tuple(f"thrust_{i + 1}" for i in range(len(vehicle.rotors)))
+
+
+def _at_places(places) -> tuple[str, ...]:
+    """Return the products of forces that act at one place: along the body's z axis, and along the world's axes."""
+    axes = tuple(f"{name}_{axis}" for name in ("up", "east", "north") for axis in "xyz")
+    return tuple(f"{place} {one}".strip() for place in places for one in ("", "thrust", *axes))
+
+
+def _in_motion(residual_model: ResidualModel, vehicle: Vehicle, parameters: Parameters, products) -> Products:
+    """Return products of the recorded motion; their ranges are those of the filtered ones, which have no noise."""
+    recording = residual_model.recording
+    instant = instant_of_recording(recording, vehicle, parameters)
+    rows = {}
+    for product in products:
+        if not recording.has("single_rotor_speeds") and ("_Omega" in product or "thrust_" in product):
+            continue
+        value = quantities.product_of(product).value(instant)
+        rows[product] = np.broadcast_to(np.asarray(value, dtype=float), len(recording.t))
+    smooth = apply(residual_model.filter.smooth, np.stack(list(rows.values()), axis=-1))
+    return Products(tuple(rows), smooth, ranges_of(smooth[residual_model.good]), np.zeros(len(rows)))
+
+
+def instant_of_recording(recording, vehicle: Vehicle, parameters: Parameters) -> Instant:
+    """Return the recorded motion (n,) without the errors of the sensors, as the physics takes it."""
+    corrected = correct(recording, sensor_terms(vehicle))
+    p_world, q, v_world, _ = corrected.moving
+    air = stack(registry.air_velocity(vector(jnp.asarray(p_world)), {}, parameters), like=jnp.asarray(p_world[..., 0]))
+    speed = recording.rotor_speed
+    motion = Motion(
+        p_world,
+        q,
+        geometry.rotate_inverse(q, v_world - np.asarray(air)),
+        corrected.gyro_body,
+        speed,
+        derivative(speed, recording.dt),
+    )
+    return instant_of(Motion(*(jnp.asarray(part) for part in motion)), parameters)
+
+
+def _of_motors(residual_model: ResidualModel, vehicle: Vehicle, parameters: Parameters) -> list[Products]:
+    """Return for each rotor the effects of products on its speed: they change the steady speed, behind the lag."""
+    recording, record = residual_model.recording, residual_model.recording.motor_record
+    speed = physics_replay.rotor_speeds(physics_replay.stack_parameters([vehicle]), record)[0]
+    command = np.concatenate([record.command, record.command[-1:]])
+    time, found = 0.5 * (vehicle.motor.time_constant_up + vehicle.motor.time_constant_down), []
+    for i in range(speed.shape[1]):
+        at = (np.interp(recording.t, record.t, part) for part in (command[:, i], record.voltage, speed[:, i]))
+        drive = quantities.Drive(*map(jnp.asarray, at))
+        values = [
+            quantities.product_of(product, "motor").value(drive) * jnp.ones_like(drive.speed) for product in OF_MOTOR
+        ]
+        late = np.stack([lagged(np.asarray(one), recording.dt, time) for one in values], axis=-1)
+        met = np.stack(values, axis=-1)[residual_model.filter.rows][residual_model.good]
+        smooth = apply(residual_model.filter.smooth, late)
+        found.append(Products(OF_MOTOR, smooth, ranges_of(met), np.zeros(len(OF_MOTOR))))
+    return found
+
+
+def _of_pack(residual_model: ResidualModel, vehicle: Vehicle) -> Products:
+    """Return the effects of products on the voltage less its mean, averaged as the residual."""
+    recording = residual_model.recording
+    cubed = np.sum(recording.rotor_speed**3, axis=1)
+    pack = vehicle.battery
+    power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
+    drawn = recording.current if recording.has("current") else power_w / recording.voltage
+    load = quantities.Load(drawn, np.cumsum(drawn) * recording.dt, tuple(recording.rotor_speed.T))
+    values = np.stack([np.asarray(quantities.product_of(one, "supply").value(load)) for one in OF_PACK], axis=-1)
+    rows = residual_model.filter.rows
+    smooth = averaged(values - values.mean(axis=0), recording.dt)[rows]
+    return Products(OF_PACK, smooth, ranges_of(values[rows][residual_model.good]), values.mean(axis=0))
+
+
+def ranges_of(values) -> np.ndarray:
+    """Return lowest and highest (q, 2) of values (n, q)."""
+    return np.stack([values.min(axis=0), values.max(axis=0)], axis=-1)

@@ -1,0 +1,286 @@
+"""Trials of repairs: effects that are fitted to the first part of each flight and judged on the one that follows."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
+from swift_sim_bridge.gap.attribution.gauss_newton import (
+    gauss_newton_fit,
+    normal_equations_at,
+    residuals_at,
+    with_effects,
+)
+from swift_sim_bridge.gap.discovery import polynomial_search
+from swift_sim_bridge.gap.discovery.polynomial_search import Found
+from swift_sim_bridge.gap.effects.injection import file_values
+from swift_sim_bridge.gap.inference import stepwise
+from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, solve
+from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, parameter_steps
+from swift_sim_bridge.gap.residuals.channels import (
+    ACCELEROMETER,
+    ANGULAR_ACCELERATION,
+    ROTOR_SPEED,
+    SPECIFIC_FORCE,
+    VOLTAGE,
+)
+from swift_sim_bridge.gap.residuals.propulsion import MAX_ABOVE_FULL_V, voltage_above_full
+from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, TRAINING_SHARE, rows_of_choice
+from swift_sim_bridge.physics.terms import equation
+
+MAX_SUMMANDS = 8  # of an equation
+# Differences of `unseen_error`, a sum of logarithms of the channels' errors.
+MIN_BETTER = 0.01  # by which an equation must make the unseen part better
+KINDS = {  # left sides of an equation that describe a channel, by its quantity
+    SPECIFIC_FORCE: "force",
+    ACCELEROMETER: "force",
+    ANGULAR_ACCELERATION: "moment",
+    ROTOR_SPEED: "rotor_speed",
+    VOLTAGE: "voltage",
+}
+MIN_WORSE = 1e-4  # by which a name or summand must make it worse to be left out
+MAX_LINEAR_ERROR = 0.02  # of an error to first order
+MAX_TRIED = 3  # names or summands that are left out in trials before the rest is taken to be needed
+MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they may differ
+MAX_FACTOR = 2.0  # by which a coefficient may change when further summands join
+DISAGREEMENT_ERRORS = 3.0  # standard errors by which they may differ where that is more
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Effects that are fitted to the first part of each flight.
+
+    Attributes:
+        names: the named effects.
+        equation: effects of an equation.
+        found: the equation's summands.
+        values: values of all of them by key.
+        error: `unseen_error`.
+    """
+
+    names: tuple[Effect, ...]
+    equation: tuple[Effect, ...]
+    found: tuple[Found, ...]
+    values: dict[str, np.ndarray]
+    error: float
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers are fitted."""
+        return sum(len(one.parameters) for one in (*self.names, *self.equation))
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Fits effects to the first part of each flight and judges them on the rest.
+
+    Attributes:
+        evidence: the recordings.
+        vehicle: the vehicle of the file, with the terms of all names.
+        found: what the search has found.
+    """
+
+    evidence: Evidence
+    vehicle: Vehicle
+    found: SearchResult
+
+    def trial(self, names, equation_effects=(), summands=(), initial=None) -> Trial:
+        """Return the trial of some effects."""
+        effects, values = [*names, *equation_effects], {}
+        if effects:
+            values, _ = gauss_newton_fit(self.evidence, self.vehicle, effects, initial or {}, CHOICE_SHARE)
+        file = self.vehicle if "voltage" in kinds_without_name(self.found) else None
+        error = unseen_error(self.evidence, with_effects(self.vehicle, effects, values), file)
+        return Trial(tuple(names), tuple(equation_effects), tuple(summands), values, error)
+
+    def best_of(self, names: tuple[SelectedEffect, ...]) -> Trial:
+        """Return the best trial of these names: without those that make it worse, with an equation if that is better.
+
+        Names are left out one after the other, the one first without which the unseen part is best.
+        """
+        initial = {one.effect.key: one.values for one in names}
+        best = self._without_worse(self.trial([one.effect for one in names], initial=initial))
+        if not kinds_without_name(self.found):
+            return best
+        with_equation = self._with_equation(best)
+        gain = best.error - with_equation.error
+        if gain < MIN_BETTER and abs(gain) > MIN_WORSE:  # without any change the unseen part does not show it: a place
+            return best
+        return self._without_worse(with_equation)
+
+    def _without_worse(self, best: Trial) -> Trial:
+        """Return a trial without the names and summands that make the unseen part worse.
+
+        To first order it is known for each what the unseen part is without it; those that may be better are tried.
+        """
+        while best.names or best.equation:
+            errors = self._errors_without(best)
+            likely = sorted((one for one in errors if errors[one] < best.error + MAX_LINEAR_ERROR), key=errors.get)
+            others = (self.without(best, item) for item in likely[:MAX_TRIED])
+            other = next((one for one in others if one.error < best.error - MIN_WORSE), None)
+            if other is None:
+                return best
+            best = other
+        return best
+
+    def without(self, trial: Trial, item: str) -> Trial:
+        """Return the trial without one name, by its key, or without one summand, by its name."""
+        names = [one for one in trial.names if one.key != item]
+        found = [one for one in trial.found if one.name != item]
+        effects = equation_effects(self.vehicle, found) if found else ()
+        values = dict(trial.values)
+        for effect in effects:
+            values[effect.key] = np.array([_coefficients(trial)[parameter.name] for parameter in effect.parameters])
+        return self.trial(names, effects, found, values)
+
+    def _errors_without(self, trial: Trial) -> dict[str, float]:
+        """Return `unseen_error` without each name, by key, and each new summand, by name, to first order."""
+        effects = (*trial.names, *trial.equation)
+        repaired = with_effects(self.vehicle, list(effects), trial.values)
+        lines = self.evidence.cache.linearisations(self.evidence.residual_models, repaired, effects, True)
+        training, unseen = [], []
+        for line, one, sigma in zip(lines, self.evidence.residual_models, self.evidence.sigmas, strict=True):
+            rows = rows_of_choice(one)
+            weight = (rows[0][:, None] & one.measured) / sigma
+            x = (line.sensitivity * weight).reshape(len(line.sensitivity), -1)
+            training.append((x @ x.T, x @ (line.residual * weight).ravel()))
+            unseen.append((line, np.where(rows[1][:, None] & one.measured, 1.0, np.nan)))
+        information, gradient = (sum(parts) for parts in zip(*training, strict=True))
+        change = np.concatenate(
+            [(file_values(effect, self.vehicle) - trial.values[effect.key]) for effect in effects]
+        ) / parameter_steps(effects)
+        found = {}
+        for item, rows in _items(trial).items():
+            others = np.setdiff1d(np.arange(len(change)), rows)
+            step = np.zeros(len(change))
+            step[rows] = change[rows]
+            right = gradient[others] + information[np.ix_(others, rows)] @ change[rows]
+            step[others] = -solve(information[np.ix_(others, others)], right)
+            parts = [(line.residual + np.tensordot(step, line.sensitivity, 1)) * known for line, known in unseen]
+            found[item] = log_error(parts)
+        return found
+
+    def _with_equation(self, trial: Trial) -> Trial:
+        """Return the trial with the equation of what its names leave, without summands that make it worse."""
+        found = self._summands(trial, CHOICE_SHARE)
+        while found:
+            new = self._beside_names(trial, found)
+            unstable = self.disagreeing(new, CHOICE_SHARE)
+            if not unstable:
+                return new
+            found = [one for one in found if one.name not in unstable]
+        return trial
+
+    def with_more_summands(self, trial: Trial) -> Trial:
+        """Return a trial with the summands that join those of its equation in all that fits use.
+
+        The part from which the trial was chosen is short: of a weak cause it shows the strongest summand alone. Where
+        the others change its coefficient much, they cancel it and do not join.
+        """
+        found = self._summands(trial, TRAINING_SHARE, trial.found)
+        if len(found) == len(trial.found):
+            return trial
+        more = self._beside_names(trial, found)
+        before, after = _coefficients(trial), _coefficients(more)
+        factors = [after[one.name] / before[one.name] for one in trial.found if before[one.name]]
+        return more if all(1.0 / MAX_FACTOR < factor < MAX_FACTOR for factor in factors) else trial
+
+    def _summands(self, trial: Trial, share: float, known: tuple[Found, ...] = ()) -> list[Found]:
+        """Return the summands of what the names of a trial leave of a share of each flight, with those known."""
+        repaired = with_effects(self.vehicle, list(trial.names), trial.values)
+        evidence, lines = self.evidence, residuals_at(self.evidence, repaired)
+        places = self.found.evidence.library.places
+        residuals = polynomial_search.Residuals(evidence.residual_models, lines, evidence.sigmas, places)
+        kinds = kinds_without_name(self.found)
+        found = polynomial_search.search(residuals, repaired, share, known)
+        return [one for one in found if equation.kind_of(one.side) in kinds][:MAX_SUMMANDS]
+
+    def _beside_names(self, trial: Trial, found: list[Found]) -> Trial:
+        """Return the trial of the names of a trial and an equation."""
+        names = [one for one in trial.names if not one.id.startswith(equation.PREFIX)]
+        values = {one.key: trial.values[one.key] for one in names}
+        return self.trial(names, equation_effects(self.vehicle, found), found, values)
+
+    def disagreeing(self, trial: Trial, share: float) -> set[str]:
+        """Return the new summands whose coefficient differs from the first half of the flights to the second."""
+        joint = (*trial.names, *trial.equation)
+        repaired = with_effects(self.vehicle, list(joint), trial.values)
+        equations = normal_equations_at(self.evidence, repaired, joint, share)
+        parameters = [parameter for effect in joint for parameter in effect.parameters]
+        now = np.concatenate([trial.values[effect.key] for effect in joint])
+        steps, rows = parameter_steps(joint), np.arange(len(parameters))
+        halves = np.array_split(np.arange(len(equations.squares)), 2)
+        parts = [NormalEquations(*(part[half] for part in vars(equations).values())) for half in halves]
+        fits = [stepwise.fit(part, rows) for part in parts]
+        shown = np.min([part.parameter_information for part in parts], axis=0)
+        in_both = shown > polynomial_search.ONE_HALF_SHARE * equations.parameter_information
+        (first, second) = (now + one.estimate * steps for one in fits)
+        errors = np.sqrt(sum(np.diag(one.covariance) for one in fits)) * steps
+        apart = in_both & (
+            np.abs(first - second)
+            > np.maximum(DISAGREEMENT_ERRORS * errors, MAX_DISAGREEMENT * 0.5 * np.abs(first + second))
+        )
+        new = {one.name for one in trial.found}
+        return {one.name for one, differs in zip(parameters, apart, strict=True) if differs and one.name in new}
+
+
+def kinds_without_name(found: SearchResult) -> set[str]:
+    """Return the kinds of left sides (see KINDS) in which a search has found an equation or something unexplained."""
+    channels = [one.channel for one in (*found.equation_terms, *found.unexplained)]
+    kinds = {KINDS[channel.quantity] for channel in channels if channel.quantity in KINDS}
+    return kinds | {"force", "moment"} if kinds & {"force", "moment"} else kinds
+
+
+def unseen_error(evidence: Evidence, vehicle: Vehicle, file: Vehicle | None = None) -> float:
+    """Return the error of a vehicle on the unseen parts, see `log_error`.
+
+    Args:
+        evidence: the recordings.
+        vehicle: the vehicle.
+        file: the vehicle of the file, where something unknown acts on the voltage. The residual of a voltage has no
+            mean, because the charge at the first row is unknown; but what takes it above that of a full pack, where the
+            file does not, is an error, too.
+    """
+    parts = []
+    for one in evidence.residual_models:
+        unseen = rows_of_choice(one)[1][:, None] & one.measured
+        residual = np.array(one.residual(vehicle))
+        for c in (c for c, channel in enumerate(one.channels) if channel.quantity == VOLTAGE):
+            if file and voltage_above_full(one.recording, file) < MAX_ABOVE_FULL_V:
+                residual[:, c] += max(voltage_above_full(one.recording, vehicle) - MAX_ABOVE_FULL_V, 0.0)
+        parts.append(np.where(unseen, residual, np.nan))
+    return log_error(parts)
+
+
+def log_error(parts) -> float:
+    """Return the sum over c channels of log(root mean square) of residuals (m, c) of each recording, NaN for none."""
+    residual = np.concatenate(parts)
+    squares = np.nansum(np.square(residual), axis=0) / np.maximum(np.sum(np.isfinite(residual), axis=0), 1)
+    return float(0.5 * np.sum(np.log(squares[squares > 0])))
+
+
+def _items(trial: Trial) -> dict[str, np.ndarray]:
+    """Return the positions of the parameters of each name, by key, and of each new summand, by name."""
+    found, new = {}, {one.name for one in trial.found}
+    for key, rows in parameter_slices((*trial.names, *trial.equation)).items():
+        effect = next(one for one in (*trial.names, *trial.equation) if one.key == key)
+        if effect in trial.names:
+            found[key] = np.arange(rows.start, rows.stop)
+        else:
+            found |= {p.name: np.array([rows.start + i]) for i, p in enumerate(effect.parameters) if p.name in new}
+    return found
+
+
+def _coefficients(trial: Trial) -> dict[str, float]:
+    """Return the coefficient of each summand by its name."""
+    return {p.name: x for one in trial.equation for p, x in zip(one.parameters, trial.values[one.key], strict=True)}
+
+
+def equation_effects(vehicle: Vehicle, found) -> tuple[Effect, ...]:
+    """Return the effects of an equation with new summands beside those of the vehicle file."""
+    entry = {side: dict(own) for side, own in vehicle.terms.get("equation", {}).items()}
+    for one in found:
+        entry.setdefault(one.side, {}).setdefault(one.product, {"coefficient": 0.0, "range": list(one.range)})
+    return equation.effects(replace(vehicle, terms={**vehicle.terms, "equation": entry}))

@@ -1,0 +1,65 @@
+"""What the repaired vehicle file gets of a pack whose plug opens with the current, from a second implementation."""
+
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from motor_log import VEHICLE, log
+
+from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect, Unexplained
+from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, with_effects
+from swift_sim_bridge.gap.pipeline import prepare, references
+from swift_sim_bridge.gap.pipeline.diagnosis import Options
+from swift_sim_bridge.gap.residuals.channels import VOLTAGE
+from swift_sim_bridge.gap.residuals.propulsion import MAX_ABOVE_FULL_V, voltage_above_full
+from swift_sim_bridge.gap.validation import repair_choice
+
+PLUG = 6e-5  # ohm/A^2
+SEED = 4
+
+
+@cache
+def evidence() -> Evidence:
+    """Return the evidence of a log in which the pack loses PLUG times the cube of the current, beside its own sag."""
+    current = log(SEED)["current"].values
+    with jax.enable_x64(True), pytest.MonkeyPatch.context() as patched:
+        patched.setattr(references, "REFERENCE_FLIGHTS", 6)
+        table = log(SEED, resistance=0.012 + PLUG * current**2)
+        return prepare.prepare_evidence([table], VEHICLE, Options(lambda text: None))
+
+
+def sag() -> SelectedEffect:
+    """Return the sag that imitates it, fitted to the log."""
+    (effect,) = (one for one in evidence().effects if one.id == "battery_sag")
+    values, covariance = gauss_newton_fit(evidence(), VEHICLE, [effect], {})
+    return SelectedEffect(effect, values[effect.key], covariance[effect.key], 50.0)
+
+
+def repair(*unexplained: Unexplained) -> repair_choice.Repair:
+    """Return the repair where a search has found the sag, and left this unexplained."""
+    found = SearchResult((sag(),), (), evidence(), unexplained=unexplained)
+    return repair_choice.choose_repair(VEHICLE, found, lambda text: None)
+
+
+def test_a_sag_that_needs_a_pack_fuller_than_full_gives_way_to_a_product_of_the_current():
+    (channel,) = (one for one in evidence().residual_models[0].channels if one.quantity == VOLTAGE)
+    recording = evidence().residual_models[0].recording
+    with jax.enable_x64(True):
+        named = with_effects(VEHICLE, [sag().effect], {sag().effect.key: sag().values})
+        assert voltage_above_full(recording, VEHICLE) < 0.0 < MAX_ABOVE_FULL_V < voltage_above_full(recording, named)
+        chosen = repair(Unexplained(channel, 0.1, 9.0, ""))
+        assert not chosen.names and [one.effect.id for one in chosen.left_out] == ["battery_sag"]
+        effects = [one.effect for one in chosen.equation]
+        flown = with_effects(VEHICLE, effects, {one.effect.key: one.values for one in chosen.equation})
+        assert voltage_above_full(recording, flown) < MAX_ABOVE_FULL_V
+    (parameter,) = effects[0].parameters
+    assert parameter.name == "voltage: current^3"
+    assert chosen.equation[0].values == pytest.approx([-PLUG], rel=0.15)
+
+
+def test_a_sag_stays_where_nothing_is_unexplained():
+    with jax.enable_x64(True):
+        chosen = repair()
+    assert [one.effect.id for one in chosen.names] == ["battery_sag"] and not chosen.equation
+    assert np.isfinite(chosen.names[0].values).all()
