@@ -13,7 +13,7 @@ from swift_ros.vehicle import GRAVITY
 from tests.support.synthetic_flight import Drift, odometry, race, settings
 
 SETTINGS = settings("state_estimator", EstimatorSettings)
-# Errors like those of the simulated source: slow ones of 1 % of the speed, and no white noise to speak of.
+# Errors like those of the simulated source: slow ones of 1 % of the speed, and hardly any white noise.
 DRIFT = Drift(rate_share=0.012, rate_memory_s=0.5, velocity_share=0.001, start_yaw_deg=0.0, yaw_walk_deg=0.0)
 
 

@@ -27,5 +27,5 @@ def test_the_faster_pilot_is_the_better_one_where_the_failures_differ_by_chance(
     assert trial.merit(figures(100, 97, 5.7)) < trial.merit(slow)
 
 
-def test_more_races_tell_pilots_apart_that_few_do_not():
+def test_more_races_separate_pilots_that_few_do_not():
     assert trial.merit(figures(500, 490, 5.7)) < trial.merit(figures(500, 498, 5.8))
