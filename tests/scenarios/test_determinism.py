@@ -43,11 +43,11 @@ def fly_and_read(config, out, seed):
 
 def test_the_same_seed_gives_the_same_messages_on_a_busy_machine(short, tmp_path):
     calm, calm_streams = fly_and_read(short, tmp_path / "calm", 1003)
-    busy = [subprocess.Popen([sys.executable, "-c", BUSY_LOOP]) for _ in range(2 * (os.cpu_count() or 1))]
+    processes = [subprocess.Popen([sys.executable, "-c", BUSY_LOOP]) for _ in range(2 * (os.cpu_count() or 1))]
     try:
         busy, busy_streams = fly_and_read(short, tmp_path / "busy", 1003)
     finally:
-        for process in busy:
+        for process in processes:
             process.kill()
             process.wait()
     other, _ = fly_and_read(short, tmp_path / "other", 1004)
