@@ -37,7 +37,7 @@ MIN_CONFIDENCE = 0.1  # a message may have a confidence of 0, whose standard dev
 NEEDS_WHOLE_GATES = "only the filter on corners uses incomplete gates"
 WHOLE_GATES_REFUSED = "whole gates are refused: the estimate may be wrong"
 ACCELEROMETER = (
-    "the accelerometer does not agree with the odometry, and its velocity is used as it is; compare axes, unit and "
+    "the accelerometer does not agree with the odometry, whose velocity is now used without it; compare axes, unit and "
     "calibration of imu/data_raw with base_link"
 )
 MAX_HELD = 10_000  # states that wait for the gates of an image, 100 s; bounds the memory when a node has died

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from swift_ros import geometry
+from swift_ros.estimation.estimator import StateEstimator
 from swift_ros.estimation.inertial_velocity import InertialVelocity
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.types import ImuSample, Odometry
 from swift_ros.vehicle import GRAVITY
-from tests.support.synthetic_flight import Drift, odometry, race, settings
+from tests.support.synthetic_flight import CAMERA, TRACK, Drift, odometry, race, settings
 
 SETTINGS = settings("state_estimator", EstimatorSettings)
 # Errors like those of the simulated source: slow ones of 1 % of the speed, and hardly any white noise.
@@ -86,6 +87,16 @@ def test_a_wrong_accelerometer_is_recognised_and_not_used(wrong):
     smoothed, inertial = flown(raw, samples)
     assert np.mean(inertial[-400:]) < 0.1
     assert rms(errors(smoothed)[-400:]) < 1.1 * rms(errors(raw)[-400:])
+
+
+def test_the_operator_gets_one_warning_of_a_wrong_accelerometer():
+    core, warnings = StateEstimator(SETTINGS, TRACK, CAMERA, lockstep=True), []
+    for each, sample in zip(odometry(race(), DRIFT, 1)[:300], accelerometer(), strict=False):
+        core.imu(replace(sample, specific_force_body=sample.specific_force_body / GRAVITY))
+        warnings += core.odometry(each).warnings
+    assert [warning.split(";")[0] for warning in warnings] == [
+        "the accelerometer does not agree with the odometry, whose velocity is now used without it"
+    ]
 
 
 def test_without_an_imu_nothing_changes():
