@@ -1,7 +1,8 @@
 """Buffer of past odometry: the gates of an image are applied at the pose of its stamp."""
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections import deque
+from itertools import islice
 
 import numpy as np
 
@@ -40,6 +41,11 @@ class Timeline:
         while self._stamps[-1] - self._stamps[0] > self._length_ns:
             self._stamps.popleft()
             self._states.popleft()
+
+    def between(self, after_ns: int, before_ns: int) -> list[Odometry]:
+        """Return the states with stamps after `after_ns` and before `before_ns`."""
+        first, end = bisect_right(self._stamps, after_ns), bisect_left(self._stamps, before_ns)
+        return list(islice(self._states, first, max(first, end)))
 
     def at(self, stamp_ns: int) -> Odometry | None:
         """Return the interpolated state at a stamp; None outside of the buffer.

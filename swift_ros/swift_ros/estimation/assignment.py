@@ -34,13 +34,13 @@ class PoseEstimate:
         q_map_body: attitude (4,).
         covariance: (6, 6) of the position (m, map axes) and of the rotation vector from the estimate to the true
             attitude (rad, map axes).
-        drift_rate_map: what the odometry's velocity lacks (3,), m/s in map axes.
+        v_map: velocity (3,), m/s.
     """
 
     p_map: np.ndarray
     q_map_body: np.ndarray
     covariance: np.ndarray
-    drift_rate_map: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    v_map: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 def displaced(pose_estimate: PoseEstimate, step) -> tuple[np.ndarray, np.ndarray]:

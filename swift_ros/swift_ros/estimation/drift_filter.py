@@ -105,7 +105,8 @@ class DriftFilter:
         full[:3, :3] = covariance
         full[3:, 3:] = np.diag([tilt**2, tilt**2, tilt**2 + self._yaw_variance])
         q_map_body = geometry.normalize(geometry.quaternion_multiply(heading, odometry.q_world_body))
-        return PoseEstimate(odometry.p_world + drift, q_map_body, full)
+        v_map = geometry.rotate(q_map_body, odometry.v_body)
+        return PoseEstimate(odometry.p_world + drift, q_map_body, full, v_map)
 
     def _chi_square(self, row, pose_estimate: PoseEstimate) -> float:
         innovation, covariance, lever = row

@@ -5,8 +5,8 @@ to all later odometry. Lockstep is deterministic: an image takes effect exactly 
 that the state at t waits for the gates of all images up to t minus this latency. In real time nothing waits: gates take
 effect when they are received.
 
-The filter on corners takes the path of the odometry from its velocity, which the accelerometer smooths, and corrects
-that velocity by the rate of the drift. The paper's filter takes position and velocity as they are.
+The filter on corners takes the path of the odometry from its velocity, and smooths that by the accelerometer. The
+paper's filter takes position and velocity as they are.
 """
 
 from collections import deque
@@ -21,11 +21,11 @@ from swift_ros.corner_rays import corner_sigma_rad
 from swift_ros.estimation.assignment import Assignment, Match, PoseEstimate, resolve_ambiguity, to_scale
 from swift_ros.estimation.corner_filter import CornerFilter
 from swift_ros.estimation.drift_filter import DriftFilter
-from swift_ros.estimation.inertial_velocity import InertialVelocity
 from swift_ros.estimation.input_check import gates_refusal, odometry_refusal
 from swift_ros.estimation.podium_check import PodiumCheck
 from swift_ros.estimation.repeated_views import RepeatedViews
 from swift_ros.estimation.settings import EstimatorSettings
+from swift_ros.estimation.specific_force import SpecificForce
 from swift_ros.estimation.velocity_path import VelocityPath
 from swift_ros.timeline import Timeline
 from swift_ros.track import Track
@@ -83,7 +83,7 @@ class StateEstimator:
         self._delay_ns = round(camera.processing_latency * 1e9) if lockstep else 0
         self._timeline = Timeline(settings.history_s)
         self._alignment: tuple[np.ndarray, np.ndarray] | None = None
-        self._inertial = InertialVelocity(settings)
+        self._forces = SpecificForce()
         self._path = VelocityPath(settings.vio_return_s)
         self._filter: CornerFilter | DriftFilter | None = None
         self._last_correction_ns = -1
@@ -101,7 +101,7 @@ class StateEstimator:
 
     def imu(self, sample: ImuSample) -> None:
         """Add a sample of the IMU, in the frame of base_link."""
-        self._inertial.imu(sample)
+        self._forces.add(sample)
 
     def odometry(self, odometry: Odometry) -> EstimatorOutput:
         """Add odometry (odom -> base_link) and return the states that are due."""
@@ -155,18 +155,14 @@ class StateEstimator:
                 return output
             odometry = self._held.popleft()
             if self._settings.filter == "corners":
-                odometry = self._path.add(self._inertial.add(odometry))
-                if not self._inertial.agrees and "accelerometer" not in self._said:
-                    self._said.add("accelerometer")
-                    output.warnings.append(ACCELEROMETER)
+                odometry = self._path.add(odometry)
+            self._timeline.add(odometry)
             if self._filter is None:
                 self._filter = self._start_filter(odometry)
-            if isinstance(self._filter, CornerFilter):
-                self._filter.is_inertial = self._inertial.is_inertial
-            self._timeline.add(odometry)
             self._advance_filter()
             self._apply_due(now_ns, output)
             output.states.append(_state(odometry, self._filter.pose_estimate(odometry)))
+            output.warnings += self._accelerometer_warnings()
         newest = self._timeline.newest
         if newest is not None and not self._lockstep:
             self._apply_due(newest.stamp_ns, output)
@@ -174,7 +170,7 @@ class StateEstimator:
 
     def _start_filter(self, first: Odometry) -> CornerFilter | DriftFilter:
         if self._settings.filter == "corners":
-            return CornerFilter(self._settings, self._camera, first)
+            return CornerFilter(self._settings, self._camera, self._timeline, self._forces)
         return DriftFilter(self._settings, first)
 
     def _advance_filter(self) -> None:
@@ -189,6 +185,13 @@ class StateEstimator:
             stamp_ns, whole, incomplete = self._answers.popleft()
             output.updates.append((stamp_ns, self._apply(stamp_ns, whole, incomplete)))
             output.warnings += self._calibration_warnings()
+
+    def _accelerometer_warnings(self) -> list[str]:
+        """Return once that the accelerometer does not agree with the odometry."""
+        if not isinstance(self._filter, CornerFilter) or self._filter.accelerometer_agrees or ACCELEROMETER in self._said:
+            return []
+        self._said.add(ACCELEROMETER)
+        return [ACCELEROMETER]
 
     def _calibration_warnings(self) -> list[str]:
         """Return what was not said before: on the mount, on each error of the calibration, or on missing gates."""
@@ -293,12 +296,11 @@ def _state(odometry: Odometry, pose_estimate: PoseEstimate) -> Odometry:
     """Return the corrected state; its covariance has rotations about body axes."""
     to_body = np.eye(6)
     to_body[3:, 3:] = geometry.rotation_matrix(pose_estimate.q_map_body).T
-    missing = geometry.rotate_inverse(pose_estimate.q_map_body, pose_estimate.drift_rate_map)
     return replace(
         odometry,
         p_world=pose_estimate.p_map,
         q_world_body=pose_estimate.q_map_body,
-        v_body=odometry.v_body + missing,
+        v_body=geometry.rotate_inverse(pose_estimate.q_map_body, pose_estimate.v_map),
         covariance_pose=to_body @ pose_estimate.covariance @ to_body.T,
     )
 

@@ -1,0 +1,180 @@
+"""Motion of the filter on corners: its state from one odometry to the next, by the accelerometer or by the odometry.
+
+Odometry and map differ in the heading: v = (1 + scale) R_heading v_odometry + error. The error is a Gauss-Markov process.
+Its standard deviation is a share of the speed and grows with the body rate, which blurs the images.
+
+The velocity is the integral of the specific force, turned by the corrected attitude; the velocity of each odometry is a
+measurement of it. Over tenths of a second the integral is the more accurate one. Over seconds it drifts with the errors
+of attitude and accelerometer, which odometry and corners together observe. Without an accelerometer, and where it does
+not agree with the odometry, the velocity is that of the odometry.
+
+Samples of the accelerometer count from the stamp of the newest odometry on as not yet received. Otherwise a flight that
+is played again would have another result.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.estimation.corner_state import (
+    BIAS,
+    ERROR,
+    POSITION,
+    SCALE,
+    SIZE,
+    TILT,
+    TURN,
+    VELOCITY,
+    YAW,
+    CornerState,
+)
+from swift_ros.estimation.settings import EstimatorSettings
+from swift_ros.estimation.specific_force import SpecificForce
+from swift_ros.types import Odometry
+from swift_ros.vehicle import GRAVITY
+
+LONGEST_STEP_S = 0.05  # longer gaps of the odometry are crossed by its position
+AGREEMENT_S = 1.0  # time constant of the mean by which accelerometer and odometry are compared
+# Largest mean of the squared innovations in units of their variance. 1 is expected; it is 0.5 to 1.4 in races, and 27
+# with an accelerometer in units of g.
+MAX_DISAGREEMENT = 5.0
+# Largest bias in units of its standard deviation. Other errors look like a bias: axes that are off by 2 degrees like
+# one of 5, a scale that is off by 5 % like one of 7. From there on the odometry's own velocity is the better one.
+MAX_BIAS = 3.5
+GRAVITY_MAP = np.array([0.0, 0.0, GRAVITY])
+
+
+class CornerMotion:
+    """The motion.
+
+    Args:
+        settings: of the estimator; `vio_*` describe the odometry, `imu_*` the accelerometer.
+        forces: of the accelerometer; the caller adds its samples.
+    """
+
+    def __init__(self, settings: EstimatorSettings, forces: SpecificForce):
+        self._settings = settings
+        self._forces = forces
+
+    def agrees(self, state: CornerState) -> bool:
+        """Return whether accelerometer and odometry agree, as far as is known."""
+        bias = float(np.abs(state.bias).max())
+        return state.disagreement < MAX_DISAGREEMENT and bias <= MAX_BIAS * self._settings.imu_accel_bias
+
+    def advanced(self, state: CornerState, odometry: Odometry, until_ns: int) -> CornerState:
+        """Return the state at the stamp of a later odometry.
+
+        Args:
+            state: before.
+            odometry: at whose stamp.
+            until_ns: samples of the accelerometer from this stamp on are not used.
+        """
+        dt = 1e-9 * (odometry.stamp_ns - state.odometry.stamp_ns)
+        if dt <= 0:
+            return state
+        push = self._forces.integral(state.odometry, odometry, until_ns) if dt <= LONGEST_STEP_S else None
+        if push is None:
+            return self._by_odometry(state, odometry, dt)
+        by_force = self._with_measured_velocity(self._by_force(state, odometry, dt, push), dt)
+        if self.agrees(by_force):
+            return by_force
+        by_odometry = self._by_odometry(state, odometry, dt)
+        return replace(by_odometry, bias=by_force.bias, disagreement=by_force.disagreement)
+
+    def _by_force(self, state: CornerState, odometry: Odometry, dt: float, push) -> CornerState:
+        """Return the state after a step with an integral (3,) m/s of the specific force in the odometry's axes."""
+        r_turn = geometry.rotation_matrix(geometry.quaternion_from_rotation_vector(state.turn))
+        r_map_body = r_turn @ geometry.rotation_matrix(odometry.q_world_body)
+        turned = r_turn @ push
+        v_map = state.v_map + turned - dt * (r_map_body @ state.bias + GRAVITY_MAP)
+        transition, noise = self._slow(odometry, dt)
+        transition[VELOCITY, TURN] = -geometry.skew(turned)
+        transition[VELOCITY, BIAS] = -dt * r_map_body
+        transition[POSITION, 6:] = 0.5 * dt * transition[VELOCITY, 6:]
+        transition[POSITION, VELOCITY] = dt * np.eye(3)
+        noise[VELOCITY] = (self._settings.imu_accel_sigma * dt) ** 2
+        p_map = state.p_map + 0.5 * dt * (state.v_map + v_map)
+        return _moved(replace(state, odometry=odometry, p_map=p_map, v_map=v_map), transition, noise)
+
+    def _by_odometry(self, state: CornerState, odometry: Odometry, dt: float) -> CornerState:
+        """Return the state after a step with the odometry alone."""
+        s = self._settings
+        flown = _rotation(state.turn[2]) @ (odometry.p_world - state.odometry.p_world)
+        path, rate = float(np.linalg.norm(flown)), float(np.linalg.norm(odometry.omega_body))
+        transition, noise = self._slow(odometry, dt)
+        error_time = s.vio_rate_memory_s * -float(np.expm1(-dt / s.vio_rate_memory_s))
+        transition[POSITION, ERROR] = error_time * np.eye(3)
+        transition[POSITION, SCALE] = flown
+        transition[POSITION, YAW] = -flown[1], flown[0], 0.0
+        noise[POSITION] = s.vio_walk**2 * path * (1.0 + rate / s.vio_rotation_ref) + s.vio_still_walk**2 * dt
+        p_map = state.p_map + (1.0 + state.scale) * flown + error_time * state.error
+        moved = _moved(replace(state, odometry=odometry, p_map=p_map), transition, noise)
+        measured = _measured_velocity(moved)
+        copy, noise = np.eye(SIZE) - _velocity_slopes_of(measured), np.zeros(SIZE)
+        noise[VELOCITY] = s.vio_velocity_sigma**2
+        return replace(
+            moved,
+            v_map=(1.0 + moved.scale) * measured + moved.error,
+            covariance=copy @ moved.covariance @ copy.T + np.diag(noise),
+            evidence=moved.evidence.predicted(copy),
+        )
+
+    def _slow(self, odometry: Odometry, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return transition (16, 16) and noise (16,) of a step: those of attitude and error of the odometry."""
+        s = self._settings
+        keep_error, keep_tilt = np.exp(-dt / s.vio_rate_memory_s), np.exp(-dt / s.vio_tilt_memory_s)
+        transition, noise = np.eye(SIZE), np.zeros(SIZE)
+        transition[ERROR, ERROR] *= keep_error
+        transition[TILT, TILT] *= keep_tilt
+        growth = 1.0 + float(np.linalg.norm(odometry.omega_body)) / s.vio_rotation_ref
+        share = s.vio_rate_share * float(np.linalg.norm(odometry.v_body))
+        noise[ERROR] = share**2 * growth * (1.0 - keep_error**2)
+        noise[TILT] = np.radians(s.vio_tilt_deg) ** 2 * (1.0 - keep_tilt**2)
+        noise[YAW] = np.radians(s.vio_yaw_walk_deg) ** 2 * dt
+        return transition, noise
+
+    def _with_measured_velocity(self, state: CornerState, dt: float) -> CornerState:
+        """Return the state after an update with the velocity of its odometry (Joseph form)."""
+        measured = _measured_velocity(state)
+        slopes = _velocity_slopes_of(measured)[VELOCITY]
+        innovation = (1.0 + state.scale) * measured + state.error - state.v_map
+        variance = self._settings.vio_velocity_sigma**2
+        across = slopes @ state.covariance
+        both = np.linalg.solve(across @ slopes.T + variance * np.eye(3), np.column_stack([across, innovation]))
+        gain, squared = both[:, :SIZE].T, float(innovation @ both[:, SIZE]) / 3.0
+        reduction = np.eye(SIZE) - gain @ slopes
+        covariance = reduction @ state.covariance @ reduction.T + variance * gain @ gain.T
+        corrected = state.corrected(gain @ innovation, covariance, state.evidence.predicted(reduction))
+        share = -float(np.expm1(-dt / AGREEMENT_S))
+        return replace(corrected, disagreement=state.disagreement + share * (squared - state.disagreement))
+
+
+def _rotation(yaw: float) -> np.ndarray:
+    return np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+
+
+def _measured_velocity(state: CornerState) -> np.ndarray:
+    """Return the velocity (3,) m/s of the odometry as it is, in map axes."""
+    return _rotation(state.turn[2]) @ geometry.rotate(state.odometry.q_world_body, state.odometry.v_body)
+
+
+def _velocity_slopes_of(measured) -> np.ndarray:
+    """Return the change (16, 16) of the velocity less that of the odometry with the error state; other rows are zero."""
+    slopes = np.zeros((SIZE, SIZE))
+    slopes[VELOCITY, VELOCITY] = np.eye(3)
+    slopes[VELOCITY, ERROR] = -np.eye(3)
+    slopes[VELOCITY, SCALE] = -measured
+    slopes[VELOCITY, YAW] = measured[1], -measured[0], 0.0
+    return slopes
+
+
+def _moved(state: CornerState, transition, noise) -> CornerState:
+    """Return the state with all that a step changes beside position and velocity."""
+    return replace(
+        state,
+        turn=np.diag(transition)[TURN] * state.turn,
+        error=np.diag(transition)[ERROR] * state.error,
+        covariance=transition @ state.covariance @ transition.T + np.diag(noise),
+        evidence=state.evidence.predicted(transition),
+    )
