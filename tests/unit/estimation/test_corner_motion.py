@@ -80,7 +80,7 @@ def test_with_gates_velocity_and_position_are_better_than_without_an_acceleromet
     (with_imu, warnings), (without, _) = with_gates(seed, accelerometer()), with_gates(seed, [])
     assert not warnings
     assert rms(errors(with_imu)) < 0.6 * rms(errors(without))
-    assert position_rmse(with_imu) < 0.9 * position_rmse(without)
+    assert rms(position_errors(with_imu)) < 0.9 * rms(position_errors(without))
 
 
 def with_gates(seed: int, samples: list[ImuSample]) -> tuple[list[Odometry], list[str]]:
@@ -99,8 +99,9 @@ def with_gates(seed: int, samples: list[ImuSample]) -> tuple[list[Odometry], lis
     return states, warnings
 
 
-def position_rmse(states: list[Odometry]) -> float:
-    return float(np.sqrt(np.mean(np.sum((np.array([each.p_world for each in states]) - race().p_map) ** 2, axis=1))))
+def position_errors(states: list[Odometry]) -> np.ndarray:
+    """Return the errors (n, 3) of the position, m."""
+    return np.array([each.p_world for each in states]) - race().p_map
 
 
 def turned(axis, degrees: float) -> np.ndarray:
@@ -125,7 +126,8 @@ def test_a_wrong_accelerometer_is_recognised_and_not_used(wrong):
         "the accelerometer does not agree with the odometry, whose velocity is now used without it"
     ]
     assert rms(errors(states)[-400:]) < 1.1 * rms(errors(without)[-400:])
-    assert position_rmse(states) < 1.5 * position_rmse(without)
+    # Axes that are 90 degrees off are recognised after 1.6 s of this flight, in which the position goes 0.4 m wrong.
+    assert rms(position_errors(states)[-400:]) < 1.2 * rms(position_errors(without)[-400:])
 
 
 def test_without_an_imu_the_velocity_is_that_of_the_odometry():
