@@ -33,6 +33,7 @@ from swift_ros.types import GateUpdate, ImuSample, IncompleteGate, Odometry, Rel
 
 MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
 IMAGES_PER_CHECK = 10  # of the calibration; more checks cost time and find an error hardly earlier
+CHECKS_IN_A_ROW = 3  # with the same result, before the operator gets it: a second; false gates pass, an error stays
 MIN_CONFIDENCE = 0.1  # a message may have a confidence of 0, whose standard deviation would not be finite
 NEEDS_WHOLE_GATES = "only the filter on corners uses incomplete gates"
 WHOLE_GATES_REFUSED = "whole gates are refused: the estimate may be wrong"
@@ -78,6 +79,7 @@ class StateEstimator:
         self._views = RepeatedViews(settings.corner_bias_share, settings.view_change_deg, camera.p_body_camera)
         self._podium = PodiumCheck(camera, track, self._assignment, settings.gate_chi_square)
         self._said: set[str] = set()  # what was said about calibration and accelerometer
+        self._repeated: dict[str, int] = {}  # checks in a row that found each error of the calibration
         self._image_count = 0
         self._lockstep = lockstep
         self._delay_ns = round(camera.processing_latency * 1e9) if lockstep else 0
@@ -202,7 +204,9 @@ class StateEstimator:
         sentences = {"mount": mount} if mount else self._filter.evidence.sentences()
         if not sentences:
             sentences = {"missing gates": self._podium.missing_warning()}
-        new = {name: sentence for name, sentence in sentences.items() if sentence and name not in self._said}
+        self._repeated = {name: self._repeated.get(name, 0) + 1 for name, sentence in sentences.items() if sentence}
+        confirmed = {name for name, times in self._repeated.items() if times >= CHECKS_IN_A_ROW}
+        new = {name: sentences[name] for name in confirmed - self._said}
         self._said |= set(new)
         return list(new.values())
 

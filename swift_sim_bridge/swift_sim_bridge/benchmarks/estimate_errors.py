@@ -52,7 +52,10 @@ def flight_errors(bag: Path) -> np.ndarray:
     flying = np.linalg.norm(v_true, axis=1) > FLYING_M_S
     if np.sum(flying) * TICK_S < LEAST_S:
         raise UsageError(f"{bag} has less than {LEAST_S:g} s of flight; give a longer one")
-    return np.concatenate([p - p_true, v - v_true, turn[:, :2], turn_map[:, 2:]], axis=1)[flying]
+    # The policy observes the velocity in the map: a part of the error in body axes is that of the attitude, and cancels.
+    velocity_map = geometry.rotate(q, v) - geometry.rotate(q_true, v_true)
+    velocity = geometry.rotate_inverse(q_true, velocity_map)
+    return np.concatenate([p - p_true, velocity, turn[:, :2], turn_map[:, 2:]], axis=1)[flying]
 
 
 def _at(states: list[Odometry], times, t):

@@ -50,10 +50,11 @@ def record(folder, errors, speed: float) -> None:
         v = np.array([speed, 0.0, 0.0])
         tilted = geometry.quaternion_multiply(q, geometry.quaternion_from_rotation_vector(np.append(error[6:8], 0.0)))
         turned = geometry.quaternion_multiply(geometry.quaternion_from_yaw(error[8:9])[0], tilted)
+        seen = geometry.rotate_inverse(turned, geometry.rotate(q, v + error[3:6]))
         stamp_ns = round(i * estimate_errors.TICK_S * 1e9)
         for name, state in (
             (TRUTH, Odometry(stamp_ns, p, q, v, np.zeros(3))),
-            (STATE, Odometry(stamp_ns, p + error[:3], turned, v + error[3:6], np.zeros(3))),
+            (STATE, Odometry(stamp_ns, p + error[:3], turned, seen, np.zeros(3))),
         ):
             writer.write(full_name(name), serialize_message(to_odometry(state, "map")), stamp_ns)
     writer.close()
