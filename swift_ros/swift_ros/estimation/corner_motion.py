@@ -1,7 +1,7 @@
 """Motion of the filter on corners: its state from one odometry to the next, by the accelerometer or by the odometry.
 
-Odometry and map differ in the heading: v = (1 + scale) R_heading v_odometry + error. The error is a Gauss-Markov process.
-Its standard deviation is a share of the speed and grows with the body rate, which blurs the images.
+Odometry and map differ in the heading: v = (1 + scale) R_heading v_odometry + error. The error is a Gauss-Markov
+process. Its standard deviation is a share of the speed and grows with the body rate, which blurs the images.
 
 The velocity is the integral of the specific force, turned by the corrected attitude; the velocity of each odometry is a
 measurement of it. Over tenths of a second the integral is the more accurate one. Over seconds it drifts with the errors
@@ -160,7 +160,7 @@ def _measured_velocity(state: CornerState) -> np.ndarray:
 
 
 def _velocity_slopes_of(measured) -> np.ndarray:
-    """Return the change (16, 16) of the velocity less that of the odometry with the error state; other rows are zero."""
+    """Return the change (16, 16) of the velocity less that of the odometry with the error state, in rows VELOCITY."""
     slopes = np.zeros((SIZE, SIZE))
     slopes[VELOCITY, VELOCITY] = np.eye(3)
     slopes[VELOCITY, ERROR] = -np.eye(3)

@@ -33,7 +33,7 @@ from swift_ros.types import GateUpdate, ImuSample, IncompleteGate, Odometry, Rel
 
 MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
 IMAGES_PER_CHECK = 10  # of the calibration; more checks cost time and find an error hardly earlier
-CHECKS_IN_A_ROW = 3  # with the same result, before the operator gets it: a second; false gates pass, an error stays
+CHECKS_IN_A_ROW = 3  # that find an error, before the operator gets it: a second; false gates pass, an error stays
 MIN_CONFIDENCE = 0.1  # a message may have a confidence of 0, whose standard deviation would not be finite
 NEEDS_WHOLE_GATES = "only the filter on corners uses incomplete gates"
 WHOLE_GATES_REFUSED = "whole gates are refused: the estimate may be wrong"
@@ -190,7 +190,8 @@ class StateEstimator:
 
     def _accelerometer_warnings(self) -> list[str]:
         """Return once that the accelerometer does not agree with the odometry."""
-        if not isinstance(self._filter, CornerFilter) or self._filter.accelerometer_agrees or ACCELEROMETER in self._said:
+        agrees = not isinstance(self._filter, CornerFilter) or self._filter.accelerometer_agrees
+        if agrees or ACCELEROMETER in self._said:
             return []
         self._said.add(ACCELEROMETER)
         return [ACCELEROMETER]
@@ -200,13 +201,14 @@ class StateEstimator:
         self._image_count += 1
         if self._image_count % IMAGES_PER_CHECK or self._filter is None:
             return []
-        mount = self._podium.mount_warning()
-        sentences = {"mount": mount} if mount else self._filter.evidence.sentences()
-        if not sentences:
+        errors = self._filter.evidence.sentences()
+        self._repeated = {name: self._repeated.get(name, 0) + 1 for name in errors}
+        sentences = {name: errors[name] for name, times in self._repeated.items() if times >= CHECKS_IN_A_ROW}
+        if mount := self._podium.mount_warning():
+            sentences = {"mount": mount}
+        elif not errors:
             sentences = {"missing gates": self._podium.missing_warning()}
-        self._repeated = {name: self._repeated.get(name, 0) + 1 for name, sentence in sentences.items() if sentence}
-        confirmed = {name for name, times in self._repeated.items() if times >= CHECKS_IN_A_ROW}
-        new = {name: sentences[name] for name in confirmed - self._said}
+        new = {name: sentence for name, sentence in sentences.items() if sentence and name not in self._said}
         self._said |= set(new)
         return list(new.values())
 

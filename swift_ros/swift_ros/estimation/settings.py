@@ -20,8 +20,8 @@ class EstimatorSettings:
     vio_return_s: float = setting(
         "corner filter: time constant with which the integral of the velocity returns to the position, s", 0.01, 1000.0
     )
-    vio_walk: float = setting("white part of the drift without accelerometer, m per square root of a flown metre", 0.0, 1.0)
-    vio_rotation_ref: float = setting("body rate that doubles the variance of this drift, rad/s", 0.01, 1000.0)
+    vio_walk: float = setting("drift without accelerometer, m per square root of a flown metre", 0.0, 1.0)
+    vio_rotation_ref: float = setting("body rate that doubles the variance of these errors, rad/s", 0.01, 1000.0)
     vio_still_walk: float = setting("the same at rest, m per square root of a second", 0.0, 1.0)
     vio_rate_share: float = setting("error of the odometry's velocity relative to the speed", 0.0, 1.0)
     vio_rate_memory_s: float = setting("correlation time of this error, s", 0.01, 100.0)

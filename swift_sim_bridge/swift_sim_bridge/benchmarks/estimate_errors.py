@@ -52,7 +52,7 @@ def flight_errors(bag: Path) -> np.ndarray:
     flying = np.linalg.norm(v_true, axis=1) > FLYING_M_S
     if np.sum(flying) * TICK_S < LEAST_S:
         raise UsageError(f"{bag} has less than {LEAST_S:g} s of flight; give a longer one")
-    # The policy observes the velocity in the map: a part of the error in body axes is that of the attitude, and cancels.
+    # The policy observes the velocity in the map. In body axes it has an error of the attitude, too, which cancels.
     velocity_map = geometry.rotate(q, v) - geometry.rotate(q_true, v_true)
     velocity = geometry.rotate_inverse(q_true, velocity_map)
     return np.concatenate([p - p_true, velocity, turn[:, :2], turn_map[:, 2:]], axis=1)[flying]

@@ -1,4 +1,4 @@
-"""Velocity and path by the accelerometer: planted errors of it and of the odometry, and an accelerometer that is wrong."""
+"""Velocity and path by the accelerometer: planted errors of it and of the odometry, and one that is wrong."""
 
 from dataclasses import replace
 
