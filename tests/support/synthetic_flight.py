@@ -276,9 +276,9 @@ def gate_poses(camera: Camera = CAMERA) -> GatePoses:
 
 
 @lru_cache
-def poses_seen(detector: Detector, seed: int, camera: Camera = CAMERA) -> dict:
+def poses_seen(detector: Detector, seed: int, camera: Camera = CAMERA, at_rest_s: float = 1.0) -> dict:
     """Return the gate poses of each image of the one-lap race by the index of its tick, for an assumed camera."""
-    truth, core = race(), gate_poses(camera)
+    truth, core = race(at_rest_s=at_rest_s), gate_poses(camera)
     found = images(truth, detector, seed)
     return {i: core.locate(int(truth.stamps_ns[i]), gates)[0] for i, gates in found.items()}
 

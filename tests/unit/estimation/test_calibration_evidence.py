@@ -12,14 +12,15 @@ from swift_ros.estimation.settings import EstimatorSettings
 
 DETECTOR = Detector()
 DRIFT = Drift(walk=0.03, rate_share=0.02, scale=0.01, yaw_walk_deg=0.6, start_yaw_deg=1.0, coupled=True)
-REST = 99  # ticks on the podium
+REST_S = 1.5  # on the podium
+REST = 149  # ticks of it
 
 
 def warnings(camera=CAMERA, detector=DETECTOR, seed: int = 1, track=TRACK, ticks=None, kind="corners") -> list[str]:
     """Return what an estimator that assumes `camera` and `track` says in the one-lap race, or in its first ticks."""
     core = StateEstimator(settings("state_estimator", EstimatorSettings, filter=kind), track, camera, lockstep=True)
-    seen, found = poses_seen(detector, seed, camera), []
-    for i, sample in enumerate(odometry(race(), DRIFT, seed)[:ticks]):
+    seen, found = poses_seen(detector, seed, camera, REST_S), []
+    for i, sample in enumerate(odometry(race(at_rest_s=REST_S), DRIFT, seed)[:ticks]):
         outputs = [core.odometry(sample)]
         if i in seen:
             outputs.append(core.gates(sample.stamp_ns, seen[i]))
