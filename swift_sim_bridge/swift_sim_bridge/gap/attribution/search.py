@@ -24,6 +24,7 @@ from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.confounders import find_confounders, is_large
+from swift_sim_bridge.gap.inference.marginal import rivals_beside
 from swift_sim_bridge.gap.inference.row_sampling import row_bounds
 from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
@@ -160,6 +161,7 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
                 confounders=confounders,
                 changes=changes,
                 is_certain=certain and is_large(problem, others, key),
+                beside=rivals_beside(problem, keys, key, other_variants(keys, effects), parameter_steps((effect,))),
             )
         )
     return found
