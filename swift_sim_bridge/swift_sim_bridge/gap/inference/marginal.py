@@ -54,8 +54,7 @@ def rivals_beside(
     base, rows = problem.gain(selected), problem.rows(selected)
     candidates = set(problem.slices) - {*selected, *excluded}
     own = np.isin(rows, problem.rows([key]))
-    alone, found = stepwise.fit(problem.equations, rows), []
-    own_errors = np.sqrt(np.diag(alone.covariance)[own])
+    found = []
     for candidate in sorted(candidates):
         gain = problem.gain([*selected, candidate]) - base - SIMULATOR_ERROR_SHARE * base
         inflation = problem.null_distribution.variance_inflation(candidate)
@@ -63,11 +62,12 @@ def rivals_beside(
         weight = float(np.exp(min(score - np.log(len(candidates)), 0.0)))  # no likelier: the search has tried it
         if weight < MIN_WEIGHT:
             continue
-        joint = stepwise.fit(problem.equations, problem.rows([*selected, candidate]))
+        alone = stepwise.fit(problem.equations, rows, inflation)
+        joint = stepwise.fit(problem.equations, problem.rows([*selected, candidate]), inflation)
         if not stepwise.within_bounds(problem, joint, problem.parameter_count(candidate)):
             continue
         shift = (joint.estimate[: len(rows)] - alone.estimate)[own]
-        errors = np.sqrt(np.diag(joint.covariance)[: len(rows)][own])
+        errors, own_errors = (np.sqrt(np.diag(one.covariance)[: len(rows)][own]) for one in (joint, alone))
         if np.any(np.abs(shift) + errors > MIN_REACH_ERRORS * own_errors):
             found.append(Rival(weight, shift * size, errors * size))
     return tuple(found)
