@@ -28,7 +28,9 @@ def worn_plug(seed: int) -> np.ndarray:
     return 0.012 + 0.02 * (np.cumsum(flips) % 2)
 
 
-def log(seed: int, lag_s: float = 0.033, resistance: float | np.ndarray = 0.012, lost=None) -> FlightTable:
+def log(
+    seed: int, lag_s: float = 0.033, resistance: float | np.ndarray = 0.012, lost=None, noise_v: float = 0.02
+) -> FlightTable:
     """Return the log of a flight with this motor lag and this resistance of the battery.
 
     Args:
@@ -36,6 +38,7 @@ def log(seed: int, lag_s: float = 0.033, resistance: float | np.ndarray = 0.012,
         lag_s: time constant of the motors.
         resistance: ohm, or (n,) of each time.
         lost: function of the rotor speeds (4,), rad/s, and the current, A, to the steady speed, rad/s, that they lack.
+        noise_v: of the voltage, V.
     """
     ohm = np.broadcast_to(resistance, len(T))
     rng, pack, c = np.random.default_rng(seed), VEHICLE.battery, VEHICLE.motor.map.coefficients
@@ -65,7 +68,7 @@ def log(seed: int, lag_s: float = 0.033, resistance: float | np.ndarray = 0.012,
             "motor_command": Samples(T, command),
             "specific_force_body": noisy(np.zeros((len(T), 3)) + [0.0, 0.0, 9.8], 0.5),
             "rotor_speed": noisy(speed, 0.003 * speed.mean()),
-            "voltage": noisy(voltage, 0.02),
+            "voltage": noisy(voltage, noise_v),
             "current": noisy(current, 0.5),
         },
     )

@@ -267,7 +267,7 @@ def run_gap(arguments) -> int:
 
     from swift_ros.errors import UsageError
     from swift_sim_bridge.benchmarks import unseen_flights, unseen_flights_picture
-    from swift_sim_bridge.referee.cases import check_seed
+    from swift_sim_bridge.referee.families import check_seed
 
     if arguments.seeds < 1:
         raise UsageError(f"--seeds {arguments.seeds} is no number of vehicles; give 1 or more")

@@ -227,13 +227,13 @@ def track_of(diagnosis, recordings):
     """Return the map in a recording, else the configured track if the flights pass all its gates, else None."""
     from swift_ros.configuration import configuration_folder, load
     from swift_ros.track import Track
-    from swift_sim_bridge.gap.validation import localization
+    from swift_sim_bridge.gap.validation import flight_regimes
 
     if recorded := next((one.detected_gates.track for one in recordings if one.detected_gates), None):
         return recorded
     track = load(Track, configuration_folder() / "track.yaml")
     flights = [one.recording for one in diagnosis.evidence.residual_models]
-    passed = {gate for flight in flights for _, gate in localization.passages(flight, track)}
+    passed = {gate for flight in flights for _, gate in flight_regimes.passages(flight, track)}
     return track if len(passed) == len(track.gates) else None
 
 

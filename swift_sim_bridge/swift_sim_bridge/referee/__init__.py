@@ -9,6 +9,8 @@ calls the tool. (A test checks the imports.)
 
 effects     sizes, how each is planted in a vehicle file, and the equation terms that describe it
 simulator   the second implementation: vehicles, paths, pilot, physics, instruments; flights of RotorPy
+families    what each family of cases conceals, and the seeds
+concealment a vehicle with hidden effects
 cases       one case: a family and a seed give a vehicle, a flight and hidden effects
 plan        the cases of a batch
 seal        the log with the hashes

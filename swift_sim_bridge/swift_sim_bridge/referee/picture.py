@@ -10,7 +10,7 @@ from swift_sim_bridge.referee.summary import detection_curves, wilson_interval
 
 matplotlib.use("Agg")
 
-EDGES = (0.3, 0.7, 1.5, 3.0, 7.0, 15.0)  # of the bins, each around one of `cases.MULTIPLES`
+EDGES = (0.3, 0.7, 1.5, 3.0, 7.0, 15.0)  # of the bins, each around one of `families.MULTIPLES`
 
 
 def draw_detection(records: list[dict], path: Path) -> None:

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_sim_bridge.referee.cases import FAMILIES, MULTIPLES, REVIEW_SEEDS, TEST_SEEDS, check_seed
 from swift_sim_bridge.referee.effects.catalogue import EFFECTS
+from swift_sim_bridge.referee.families import FAMILIES, MULTIPLES, REVIEW_SEEDS, TEST_SEEDS, check_seed
 from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY
 
 GENERATORS = ("own", "rotorpy")
@@ -51,7 +51,7 @@ class Entry:
     Attributes:
         name: name that the tool sees; it contains no information on the case.
         generator: simulator of the flight, `own` or `rotorpy`.
-        family: key of `cases.FAMILIES`.
+        family: key of `families.FAMILIES`.
         seed: seed of the case.
         effect: hidden effect; empty if the seed determines it.
         multiple: its size relative to the detectable size; 0 if the seed determines it.

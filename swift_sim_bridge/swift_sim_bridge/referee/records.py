@@ -9,7 +9,7 @@ from pathlib import Path
 import swift_ros
 from swift_ros.errors import UsageError
 from swift_sim_bridge.referee import seal
-from swift_sim_bridge.referee.cases import STRANGE_FAMILIES
+from swift_sim_bridge.referee.families import STRANGE_FAMILIES
 from swift_sim_bridge.referee.plan import Entry
 from swift_sim_bridge.referee.scoring import score
 

@@ -17,7 +17,7 @@ from swift_ros.errors import UsageError
 from swift_ros.recording import flight_files
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.referee import cases, holdout, records, seal
+from swift_sim_bridge.referee import cases, families, holdout, records, seal
 from swift_sim_bridge.referee.plan import Entry, plan_as_json
 from swift_sim_bridge.referee.records import CASES, LOG, PLAN, REPORT, RESOLVED
 from swift_sim_bridge.referee.scoring import score
@@ -177,7 +177,7 @@ def _evaluate(flown: FlownCase, out: Path, tool: Tool, keep: bool) -> dict:
     manoeuvre_flown = records.manoeuvre_is_flown(flown.entry.family, flown.entry.generator)
     result = score(opened["answer"], found.report, second_report, manoeuvre_flown)
     result |= {"generator": flown.entry.generator, "seconds": seconds}
-    if (result["exact"] or flown.entry.family in cases.STRANGE_FAMILIES) and found.repaired:
+    if (result["exact"] or flown.entry.family in families.STRANGE_FAMILIES) and found.repaired:
         true_content = flown.case.order.content
         result["removed"] = holdout.removed_share(flown.held_out(), flown.case.vehicle, found.repaired, true_content)
     seal.append(log, "opened", name, answer=opened["answer"], nonce=opened["nonce"], score=result)

@@ -7,7 +7,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from swift_sim_bridge.referee.cases import KNOWN, STRANGE_FAMILIES
+from swift_sim_bridge.referee.concealment import KNOWN
+from swift_sim_bridge.referee.families import STRANGE_FAMILIES
 from swift_sim_bridge.referee.simulator.manoeuvres import proposed_manoeuvre
 
 NAMED = ("confirmed", "tentative")  # verdicts of a finding that names an effect

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swift_sim_bridge.referee.cases import STRANGE_FAMILIES
 from swift_sim_bridge.referee.effects.catalogue import EFFECTS
+from swift_sim_bridge.referee.families import STRANGE_FAMILIES
 from swift_sim_bridge.referee.scoring import NO_ANSWER, same_effects
 
 MIN_RATIO = 3.0  # size relative to the detectable size from which on an estimate counts for the parameter errors

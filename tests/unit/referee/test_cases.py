@@ -12,7 +12,7 @@ from referee_story import equation, finding, hanging, report
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.commands import gap_referee
-from swift_sim_bridge.referee import cases, picture, plan, runner, scoring, seal, summary, tables
+from swift_sim_bridge.referee import cases, families, picture, plan, runner, scoring, seal, summary, tables
 from swift_sim_bridge.referee.effects.catalogue import EFFECTS
 from swift_sim_bridge.referee.effects.changes import CHANGES, CHANGES_OF_ROTORPY, FACTORS, FAR
 from swift_sim_bridge.referee.effects.laws import RELATED
@@ -251,7 +251,7 @@ def test_the_full_plan_has_every_effect_at_every_size_and_enough_null_cases():
     assert sum(entry.family.startswith("null") for entry in own) >= 200
     assert sum(entry.family.startswith("null") for entry in entries) - 200 >= 60
     singles = {(entry.effect, entry.multiple) for entry in own if entry.family == "single"}
-    assert singles == {(name, multiple) for name in EFFECTS for multiple in cases.MULTIPLES}
+    assert singles == {(name, multiple) for name in EFFECTS for multiple in families.MULTIPLES}
     assert len({entry.effect for entry in plan.make_plan({"own": {"single": 20}}, 0)}) == 20
 
 
@@ -268,7 +268,7 @@ def test_a_hidden_effect_is_in_the_true_file_and_not_in_the_file_that_the_tool_g
     assert case.vehicle == cases.draw_case("single", 3, name, 4.0).vehicle  # nothing was written into it
 
 
-@pytest.mark.parametrize("family", cases.FAMILIES)
+@pytest.mark.parametrize("family", families.FAMILIES)
 def test_each_family_hides_its_number_of_effects(family):
     counts = {"pair": 2, "triple": 3, "foreign_pair": 2}
     for seed in range(3):

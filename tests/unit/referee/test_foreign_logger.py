@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from referee_story import finding, hanging, report
 
-from swift_sim_bridge.referee import cases, scoring
+from swift_sim_bridge.referee import cases, concealment, scoring
 from swift_sim_bridge.referee.simulator.flight import LOOP_S
 from swift_sim_bridge.referee.simulator.foreign_logger import RESOLUTION, Logger, record
 from swift_sim_bridge.referee.simulator.instruments import LEAD_S
@@ -46,7 +46,7 @@ def test_lost_rows_jitter_and_coarse_numbers_are_as_large_as_the_answer_says():
 
 def test_a_small_error_of_the_file_may_be_named_or_not_and_anything_else_is_an_alarm():
     case = next(case for case in (cases.draw_case("null_foreign", seed) for seed in range(9)) if case.notes["small"])
-    assert len(case.notes["small"]) == cases.SMALL_COUNT and case.vehicle != case.order.content
+    assert len(case.notes["small"]) == concealment.SMALL_COUNT and case.vehicle != case.order.content
     small = case.notes["small"][0]
     other = next(name for name in ("wind", "ground_effect") if name not in case.notes["small"])
     for names, alarm in (((), False), ((small,), False), ((small, other), True)):

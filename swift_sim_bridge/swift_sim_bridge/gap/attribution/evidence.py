@@ -3,11 +3,13 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import stats
 
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.discovery.equation_search import EquationTerm
 from swift_sim_bridge.gap.discovery.feature_library import FeatureLibrary
 from swift_sim_bridge.gap.inference import null_distribution
+from swift_sim_bridge.gap.inference.marginal import Rival, mixture_quantile
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
 from swift_sim_bridge.gap.inference.sensitivity import LinearisationCache
 from swift_sim_bridge.gap.residuals.channels import Channel
@@ -87,6 +89,7 @@ class SelectedEffect:
         confounders: relative likelihood of each effect that could replace it, by key, itself included.
         changes: by key, (k,) change that each of these would have in its parameters.
         is_certain: whether the effect is confirmed if it has no confounders.
+        beside: explanations in which one more effect acts beside it.
     """
 
     effect: Effect
@@ -96,6 +99,7 @@ class SelectedEffect:
     confounders: dict[str, float] = field(default_factory=dict)
     changes: dict[str, np.ndarray] = field(default_factory=dict)
     is_certain: bool = True
+    beside: tuple[Rival, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -108,6 +112,23 @@ class SelectedEffect:
     def likeliest(self) -> str:
         """Key of the likeliest of its confounders, its own if there is none."""
         return max(self.confounders, key=self.confounders.__getitem__, default=self.effect.key)
+
+    @property
+    def rivals(self) -> tuple[Rival, ...]:
+        """All other explanations than the effect alone: another one in its place, or beside it."""
+        own = self.confounders.get(self.effect.key, 1.0)
+        others = (weight for key, weight in self.confounders.items() if key != self.effect.key)
+        absent = (Rival(weight / own, -self.changes[self.effect.key], np.zeros(len(self.values))) for weight in others)
+        return (*absent, *self.beside)
+
+    def interval95(self, seconds: int) -> np.ndarray:
+        """Return the 95 % interval (2, k) of its parameters over all explanations, from `seconds` s of recordings."""
+        rivals = self.rivals
+        weights = np.array([1.0, *(one.weight for one in rivals)])
+        means = self.values + np.array([np.zeros(len(self.values)), *(one.shift for one in rivals)])
+        errors = np.array([np.sqrt(np.diag(self.covariance)), *(one.errors for one in rivals)])
+        errors = errors * stats.t.ppf(0.975, max(seconds - 1, 1)) / stats.norm.ppf(0.975)
+        return np.array([mixture_quantile(share, weights / weights.sum(), means, errors) for share in (0.025, 0.975)])
 
     def without_confounders(self, keys) -> "SelectedEffect":
         """Return the effect without some of its confounders, given by key."""

@@ -16,9 +16,12 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
 )
 from swift_sim_bridge.gap.attribution.model_comparison import MIN_IMPROVEMENT, is_physical, normalised_squares
 from swift_sim_bridge.gap.attribution.search import beyond_rows, widened_covariance
+from swift_sim_bridge.gap.attribution.stepwise_search import other_variants
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.confounders import MIN_CONFOUNDER_WEIGHT
+from swift_sim_bridge.gap.inference.marginal import rivals_beside
+from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 
 
 def with_likeliest_first(found: SearchResult, vehicle: Vehicle, progress) -> SearchResult:
@@ -76,6 +79,9 @@ def _headed(
         significance=stepwise.accepts(problem, [other for other in values if other != key], key)[1],
         changes={**one.changes, key: values[key] - file_values(effects[key], vehicle)},
         is_certain=False,
+        beside=rivals_beside(
+            problem, list(values), key, other_variants(list(values), effects), parameter_steps((effects[key],))
+        ),
     ).without_confounders({other for other, weight in one.confounders.items() if weight < MIN_CONFOUNDER_WEIGHT})
     if not (heads := beyond_rows(evidence, vehicle, [head])):
         return ()

@@ -24,10 +24,13 @@ from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.confounders import find_confounders, is_large
+from swift_sim_bridge.gap.inference.marginal import rivals_beside
 from swift_sim_bridge.gap.inference.row_sampling import row_bounds
 from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
 from swift_sim_bridge.gap.recording import command_link
+from swift_sim_bridge.gap.residuals.channels import VOLTAGE
+from swift_sim_bridge.gap.residuals.propulsion import excess_above_full
 
 
 def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResult:
@@ -60,7 +63,11 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
     selected = beyond_rows(evidence, vehicle, selected)
     left = unexplained_channels(evidence, residuals_at(evidence, vehicle), explanation.residuals)
     doubtful = {one.channel.layer for one in left}  # an effect there may stand for a part of what is left
-    selected = [replace(one, is_certain=one.is_certain and one.effect.layer not in doubtful) for one in selected]
+    no_pack = _needs_fuller_pack(evidence, vehicle, selected)
+    selected = [
+        replace(one, is_certain=False) if one.effect.layer in doubtful or (no_pack and _is_of_pack(one.effect)) else one
+        for one in selected
+    ]
     return SearchResult(
         selected=tuple(sorted(selected, key=lambda one: -one.significance)),
         equation_terms=explanation.terms,
@@ -68,6 +75,26 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
         withdrawn=_withdrawn(evidence, vehicle, called_for, explanation.keys),
         unexplained=left,
     )
+
+
+def _needs_fuller_pack(evidence: Evidence, vehicle: Vehicle, selected: list[SelectedEffect]) -> bool:
+    """Return whether the vehicle with these effects gives a measured voltage only from a pack fuller than full.
+
+    Its sag is then too steep: a plug that opens with the load, for example, takes more the larger the current.
+    """
+    effects = [one.effect for one in selected]
+    if not any(map(_is_of_pack, effects)):
+        return False
+    repaired = with_effects(vehicle, effects, {one.effect.key: one.values for one in selected})
+    return any(
+        excess_above_full(one.recording, repaired, vehicle) > 0.0
+        for one in evidence.residual_models
+        if any(channel.quantity == VOLTAGE for channel in one.channels)
+    )
+
+
+def _is_of_pack(effect: Effect) -> bool:
+    return any(parameter.path[0] == "battery" for parameter in effect.parameters)
 
 
 def _started(evidence: Evidence, vehicle: Vehicle) -> tuple[list[str], dict]:
@@ -134,6 +161,7 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
                 confounders=confounders,
                 changes=changes,
                 is_certain=certain and is_large(problem, others, key),
+                beside=rivals_beside(problem, keys, key, other_variants(keys, effects), parameter_steps((effect,))),
             )
         )
     return found

@@ -15,11 +15,15 @@ from swift_sim_bridge.gap.attribution.process_noise import window_squares_of_noi
 from swift_sim_bridge.gap.discovery.equation_search import DRIFTING_LAYER, UNSEARCHED_LAYER
 from swift_sim_bridge.gap.inference import null_distribution, stepwise
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
+from swift_sim_bridge.gap.residuals.channels import VOLTAGE
 
 CURVE_BINS = 10  # with equal numbers of samples, over which a residual may follow a curve
 CURVE_MARGIN = 1.5  # factor over the gain that a term must have: a curve has ten numbers
 SLOW_RATIO = 3.0  # of a recording's slow squares over the largest ones of a reference flight
 MIN_SHARE = 0.002  # of a channel's squares that must be unexplained; less may be the error of strong effects
+# The same of the voltage. It is simulated from the measured rotor speeds, so that the error of strong effects in other
+# channels does not reach it, and a worn plug leaves little of what a larger resistance imitates.
+MIN_SHARE_OF_VOLTAGE = 0.0005
 # Noise of a recording over that of its reference flights: what changes by more from sample to sample is no noise of
 # sensors, whose sheet may be wrong by a factor of two.
 MAX_NOISE_RATIO = 2.0
@@ -61,7 +65,8 @@ def unexplained_channels(
         curve = gain if gain > CURVE_MARGIN * evidence.library.threshold else 0.0
         excess = slow[c] - usual[c] if slow[c] > SLOW_RATIO * usual[c] else 0.0
         left = max(curve, excess)
-        if left > max(evidence.library.threshold, MIN_SHARE * squares[c]):
+        share = MIN_SHARE_OF_VOLTAGE if channel.quantity == VOLTAGE else MIN_SHARE
+        if left > max(evidence.library.threshold, share * squares[c]):
             share, significance = float(min(left / squares[c], 1.0)), stepwise.significance(left, CURVE_BINS)
             found.append(Unexplained(channel, share, significance, quantity if curve and quantity != TIME else ""))
     return tuple(found)

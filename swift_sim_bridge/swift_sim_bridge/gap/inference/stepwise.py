@@ -152,7 +152,7 @@ def accepts(problem: SelectionProblem, selected: list[str], key: str) -> tuple[b
     if gain < problem.null_distribution.threshold(key) or not _exceeds_bias(problem, selected, key):
         return False, sigma
     found = fit(problem.equations, problem.rows([*selected, key]), inflation)
-    if not _within_bounds(problem, found, size):
+    if not within_bounds(problem, found, size):
         return False, sigma
     wald = found.estimate[-size:] @ solve(found.covariance[-size:, -size:], found.estimate[-size:])
     seconds = np.count_nonzero(problem.equations.samples)
@@ -162,7 +162,7 @@ def accepts(problem: SelectionProblem, selected: list[str], key: str) -> tuple[b
     return passes_cross_validation(problem, selected, key), sigma
 
 
-def _within_bounds(problem: SelectionProblem, found: Fit, size: int) -> bool:
+def within_bounds(problem: SelectionProblem, found: Fit, size: int) -> bool:
     """Return whether the last `size` parameters of a fit are within their physical bounds, except for their errors."""
     if problem.low is None:
         return True

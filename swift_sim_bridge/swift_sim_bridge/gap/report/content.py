@@ -1,7 +1,6 @@
 """The content of report.json, in which every finding is data; sentences are made from it and never read back."""
 
 import numpy as np
-from scipy import stats
 
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
@@ -248,14 +247,12 @@ def spans(evidence: Evidence) -> list[list[float]]:
 def parameters(selected: SelectedEffect, evidence: Evidence) -> dict:
     """Return value, unit and 95 % interval of each parameter of an effect, with the values of the repaired file."""
     seconds = sum(int(residual_model.t[-1] - residual_model.t[0]) for residual_model in evidence.residual_models)
-    half = stats.t.ppf(0.975, max(seconds - 1, 1)) * np.sqrt(np.diag(selected.covariance))
-    found = {}
+    intervals, found = selected.interval95(seconds), {}
     for i, parameter in enumerate(selected.effect.parameters):
-        value = float(selected.values[i])
         found[parameter.name] = {
-            "value": value,
+            "value": float(selected.values[i]),
             "unit": parameter.unit,
-            "interval95": [value - float(half[i]), value + float(half[i])],
+            "interval95": [float(low_or_high) for low_or_high in intervals[:, i]],
         }
     if selected.effect.variant:
         number = int(selected.effect.variant)

@@ -12,6 +12,8 @@ from swift_sim_bridge.gap.report.sentences import headline_sentences
 
 STYLE = Path(__file__).with_name("page.css")
 KINDS = {"use": "use", "check": "check on the vehicle", "fly": "fly", "record": "record"}
+UNIT = re.compile(r"(?<=\d) (?=%|(ms|s|m|V|A|W|Hz|N|kg|rad|mm|cm)\b)")  # the space before it, after a number
+NO_BREAK = "\N{NO-BREAK SPACE}"
 SECTIONS = {  # titles of pictures, by the first word of their files' names
     "track": "Where it differs",
     "time": "When and in what it differs",
@@ -49,10 +51,11 @@ def html_page(
         html_tables.tables(report, parameters),
         html_tables.inputs(report, vehicle_file),
     ]
+    content = UNIT.sub(NO_BREAK, "".join(parts))
     return (
         "<!doctype html><html lang=en><head><meta charset=utf-8>"
         "<meta name=viewport content='width=device-width,initial-scale=1'><title>Gap report</title>"
-        f"<style>{STYLE.read_text()}</style></head><body><main>{''.join(parts)}</main></body></html>\n"
+        f"<style>{STYLE.read_text()}</style></head><body><main>{content}</main></body></html>\n"
     )
 
 

@@ -94,6 +94,21 @@ def voltage_above_full(recording: Recording, vehicle: Vehicle) -> float:
     return float(_battery_errors(recording, vehicle)[0][~recording.in_gap(*BATTERY_CHANNELS)].mean())
 
 
+def excess_above_full(recording: Recording, vehicle: Vehicle, file: Vehicle) -> float:
+    """Return by how much a vehicle needs a pack fuller than full, V, beyond errors of the sensor.
+
+    Zero where the vehicle of the file needs one, too.
+
+    Args:
+        recording: a recording with a voltage.
+        vehicle: the vehicle, such as a repaired one.
+        file: the vehicle of the file.
+    """
+    if voltage_above_full(recording, file) >= MAX_ABOVE_FULL_V:
+        return 0.0
+    return max(voltage_above_full(recording, vehicle) - MAX_ABOVE_FULL_V, 0.0)
+
+
 def _battery_errors(recording: Recording, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
     """Return measured minus modelled voltage (n,) V of a pack that is full at the first row, and power (n,) W.
 

@@ -6,7 +6,8 @@ black_boxes: black-box models, alone and of what a repair leaves
 prediction_errors: errors of all these models on parts of recordings
 repair_trials: effects and equations, fitted to one part of each flight and judged on another
 repair_choice: what the repaired vehicle file gets
-localization: times, segments between gates and flight regimes in which a finding shows
+flight_regimes: times, segments between gates and flight regimes in which a gain shows
+localization: by how much a finding lowers the error, in which channels, and where
 mismatch: difference of recording and simulation over time, by layer
 experiment_design: manoeuvres that separate confounders
 """

@@ -26,7 +26,7 @@ from swift_sim_bridge.gap.residuals.channels import (
     SPECIFIC_FORCE,
     VOLTAGE,
 )
-from swift_sim_bridge.gap.residuals.propulsion import MAX_ABOVE_FULL_V, voltage_above_full
+from swift_sim_bridge.gap.residuals.propulsion import excess_above_full
 from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, TRAINING_SHARE, rows_of_choice
 from swift_sim_bridge.physics.terms import equation
 
@@ -248,8 +248,8 @@ def unseen_error(evidence: Evidence, vehicle: Vehicle, file: Vehicle | None = No
         unseen = rows_of_choice(one)[1][:, None] & one.measured
         residual = np.array(one.residual(vehicle))
         for c in (c for c, channel in enumerate(one.channels) if channel.quantity == VOLTAGE):
-            if file and voltage_above_full(one.recording, file) < MAX_ABOVE_FULL_V:
-                residual[:, c] += max(voltage_above_full(one.recording, vehicle) - MAX_ABOVE_FULL_V, 0.0)
+            if file:
+                residual[:, c] += excess_above_full(one.recording, vehicle, file)
         parts.append(np.where(unseen, residual, np.nan))
     return log_error(parts)
 

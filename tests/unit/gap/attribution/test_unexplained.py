@@ -73,6 +73,21 @@ def test_a_plug_that_opens_at_random_is_unknown_although_no_quantity_describes_i
     assert "follows no quantity of the recording." in left["sentence"]
 
 
+@pytest.mark.parametrize(("depth", "expected"), [(0.0, {"battery_sag": "confirmed"}), (4e-4, {None: "unknown"})])
+def test_a_resistance_that_changes_slowly_by_half_a_percent_is_unknown_and_a_constant_one_is_confirmed(depth, expected):
+    """What it leaves is less than two thousandths of the squares that the battery sag removes."""
+    changing = 0.07 + depth * np.sin(2.0 * np.pi * T / 3.0)
+    found = verdicts(diagnosis_of(log(4, resistance=changing, noise_v=0.005)).report)
+    assert {"battery_sag": "tentative"} | expected == found
+
+
+def test_a_plug_that_opens_with_the_current_is_no_confirmed_battery_sag():
+    """The fitted resistance gives the measured voltage only from a pack fuller than full."""
+    current = log(4)["current"].values
+    report = diagnosis_of(log(4, resistance=0.012 + 6e-5 * current**2)).report
+    assert verdicts(report)["battery_sag"] == "tentative"
+
+
 def test_terminal_and_page_say_what_is_left_and_when():
     found = shaken()
     report = localization.locate_findings(found, VEHICLE)

@@ -56,7 +56,15 @@ def test_the_page_says_first_what_to_do_then_what_removes_most(address):
         places += [page.locator("h3", has_text="rotor drag").bounding_box()["y"]]
         assert places == sorted(places)
         change = page.locator(".value", has_text="terms.rotor_drag.k_d").first.inner_text()
-        assert "4.00 · 10−5 → 6.00 · 10−5 N/(rad/s m/s)" in change and "95 %: 5.90" in change
+        assert "4.00 · 10−5 → 6.00 · 10−5 N/(rad/s m/s)" in change and "95\N{NO-BREAK SPACE}%: 5.90" in change
+
+
+def test_a_number_and_its_unit_stand_on_one_line(address):
+    with browser.opened(address, *SIZES["phone"]) as page:
+        text = page.evaluate("document.querySelector('main').textContent")
+    assert (
+        "1.2\N{NO-BREAK SPACE}ms" in text and "(70\N{NO-BREAK SPACE}%)" in text and "0.62\N{NO-BREAK SPACE}m/s" in text
+    )
 
 
 def test_text_on_a_phone_is_large_enough_to_read(address):

@@ -18,11 +18,16 @@ from report_example import (
 )
 
 from swift_sim_bridge.gap.report import figures, sentences
-from swift_sim_bridge.gap.report.html import html_page
+from swift_sim_bridge.gap.report.html import NO_BREAK, html_page
 from swift_sim_bridge.gap.report.terminal import terminal_text
 from swift_sim_bridge.gap.validation.holdout import HoldoutResult
 
 TENTATIVE = FINDING | {"verdict": "tentative", "alternatives": []}
+
+
+def page(report: dict, pictures=None, folder=Path()) -> str:
+    """Return the page of a report with plain spaces before its units."""
+    return html_page(report, "drone.yaml", PARAMETERS, pictures or {}, folder).replace(NO_BREAK, " ")
 
 
 def test_the_mismatch_is_located_in_layer_and_time_in_multiples_of_the_noise():
@@ -42,7 +47,7 @@ def test_the_page_describes_the_missing_effect_and_holds_every_picture(tmp_path)
     expected = ["track_before.png", "time_after.png", "rollouts.png", "horizons.png", *curves]
     assert set(expected) <= set(pictures)
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
-    html = html_page(REPORT, "drone.yaml", PARAMETERS, pictures, tmp_path)
+    html = page(REPORT, pictures, tmp_path)
     assert html.count("data:image/png;base64,") == len(pictures)
     texts = (
         "rotor drag",
@@ -107,7 +112,7 @@ def test_the_report_states_when_a_finding_is_visible(time, regime, expected):
     finding = FINDING | {"where": {"time": time, "segments": [], "regime": regime}}
     report = REPORT | {"findings": [finding], "flights": [[0.0, 20.0], [0.0, 30.0]]}
     assert f"  where: {expected}\n" in terminal_text(report)
-    assert f"Seen {expected};" in html_page(report, "drone.yaml", PARAMETERS, {}, Path())
+    assert f"Seen {expected};" in page(report)
 
 
 def test_the_headline_names_confirmed_and_probable_effects():
@@ -129,7 +134,7 @@ def test_the_likeliest_of_a_set_comes_first_with_all_weights():
     assert "Probable: either rotor drag (95 %) or damaged propeller 2 (5.0 %)." in sentences.headline(report)
     sentence = "The likeliest (95 %); these recordings cannot distinguish it from: damaged propeller 2 (5.0 %)."
     assert f"  {sentence} To separate them: one speed at two thrusts\n" in terminal_text(report)
-    assert sentence in html_page(report, "drone.yaml", PARAMETERS, {}, Path())
+    assert sentence in page(report)
 
 
 def test_an_equation_is_printed_with_its_terms_and_their_units_those_first_that_remove_most():
@@ -145,7 +150,7 @@ def test_an_equation_is_printed_with_its_terms_and_their_units_those_first_that_
 def test_the_smaller_terms_of_a_long_equation_are_folded_and_a_ratio_has_no_unit():
     terms = [term("specific_force_x", f"omega_{axis} v_{other}", 0.1, "", 0.1) for axis in "xyz" for other in "xyz"]
     finding = equation(*terms, term("voltage", "Omega'", 1.0, "V s", 0.9))
-    html = html_page(REPORT | {"findings": [finding]}, "drone.yaml", PARAMETERS, {}, Path())
+    html = page(REPORT | {"findings": [finding]})
     shown, folded = html[html.index("unknown physics") :].split("<summary>6 smaller terms</summary>")
     assert shown.index("Ω′") < shown.index("ω<sub>x</sub> v<sub>x</sub>")
     assert "ω<sub>z</sub> v<sub>z</sub>" in folded and "0.100 · ω" in folded
@@ -155,7 +160,7 @@ def test_the_smaller_terms_of_a_long_equation_are_folded_and_a_ratio_has_no_unit
 def test_findings_stand_in_the_order_of_the_error_that_they_remove():
     small, large = (TENTATIVE | {"effect": name, "removes": share} for name, share in (("wind", 0.001), ("mass", 0.7)))
     report = REPORT | {"findings": [small, FINDING, large]}
-    html, text = html_page(report, "drone.yaml", PARAMETERS, {}, Path()), terminal_text(report)
+    html, text = page(report), terminal_text(report)
     for names in (["<h3>mass", "<h3>rotor drag", "<h3>wind"], ["tentative: mass", "ambiguous: rotor drag"]):
         places = [(html if name.startswith("<") else text).index(name) for name in names]
         assert places == sorted(places)
@@ -163,5 +168,5 @@ def test_findings_stand_in_the_order_of_the_error_that_they_remove():
 
 def test_a_change_beyond_the_physical_range_is_not_listed_as_detectable():
     found = {"ground_effect": {"k": 3767.0}, "mass": {"mass": 0.004}}
-    html = html_page(REPORT | {"minimum_detectable": found}, "drone.yaml", PARAMETERS, {}, Path())
+    html = page(REPORT | {"minimum_detectable": found})
     assert "k: no physical change" in html and "mass: 4.0 g" in html

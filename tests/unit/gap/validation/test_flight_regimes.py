@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swift_ros.track import Gate, Track
-from swift_sim_bridge.gap.validation import localization
+from swift_sim_bridge.gap.validation import flight_regimes
 
 T = np.arange(0.0, 20.0, 0.02)
 ANGLE = 0.5 * T  # along a circle of 5 m, counter-clockwise
@@ -25,26 +25,26 @@ def track() -> Track:
 def test_a_temporary_finding_has_a_time_span_and_a_permanent_one_the_whole_flight():
     noise = np.random.default_rng(1).standard_normal(len(T))
     bump = np.where((T > 6.0) & (T < 9.0), 40.0, 0.0)
-    ((begin, end),) = localization.spans(T, bump + noise)
+    ((begin, end),) = flight_regimes.spans(T, bump + noise)
     assert begin == pytest.approx(6.0, abs=0.5) and end == pytest.approx(9.0, abs=0.6)
-    assert localization.spans(T, 40.0 + noise) == localization.spans(T, 0.0 * T) == [[T[0], T[-1]]]
+    assert flight_regimes.spans(T, 40.0 + noise) == flight_regimes.spans(T, 0.0 * T) == [[T[0], T[-1]]]
 
 
 def test_the_flight_regime_is_described_by_the_quantity_on_which_the_gain_depends():
     rng = np.random.default_rng(2)
     speed, height = (rng.permutation(np.linspace(low, high, len(T))) for low, high in ((0.0, 10.0), (1.0, 3.0)))
     known = {"speed": (speed, "m/s"), "height": (height, "m")}
-    assert localization.regime(speed**4, known).startswith("most where the speed is above 8 m/s")
-    assert localization.regime((height < 1.3) + 0.01, known).startswith("most where the height is below 1.4 m")
-    assert localization.regime(1.0 + 0.1 * rng.standard_normal(len(T)), known) == ""
+    assert flight_regimes.regime(speed**4, known).startswith("most where the speed is above 8 m/s")
+    assert flight_regimes.regime((height < 1.3) + 0.01, known).startswith("most where the height is below 1.4 m")
+    assert flight_regimes.regime(1.0 + 0.1 * rng.standard_normal(len(T)), known) == ""
 
 
 def test_time_spans_are_named_by_the_gates_between_which_they_lie():
     recording = SimpleNamespace(t=T, p_world=PATH, has=lambda name: name == "p_world")
-    passed = localization.passages(recording, track())
+    passed = flight_regimes.passages(recording, track())
     assert [gate for _, gate in passed] == [1, 2, 3, 4, 1, 2][: len(passed)] and len(passed) >= 6
     assert passed[1][0] == pytest.approx(np.radians(135.0) / 0.5, abs=0.03)
-    assert localization.segments(passed, [[passed[1][0] + 0.2, passed[2][0] - 0.2]]) == ["gate 2 to gate 3"]
-    assert localization.segments(passed, [[0.0, 20.0]]) == []
+    assert flight_regimes.segments(passed, [[passed[1][0] + 0.2, passed[2][0] - 0.2]]) == ["gate 2 to gate 3"]
+    assert flight_regimes.segments(passed, [[0.0, 20.0]]) == []
     many = [(float(t), gate) for t, gate in enumerate([1, 8, 9, 10, 11, 1])]
-    assert localization.segments(many, [[1.1, 3.9]]) == [f"gate {gate} to gate {gate + 1}" for gate in (8, 9, 10)]
+    assert flight_regimes.segments(many, [[1.1, 3.9]]) == [f"gate {gate} to gate {gate + 1}" for gate in (8, 9, 10)]

@@ -1,0 +1,47 @@
+"""Which names the repaired vehicle file gets, judged on a part of the flight that no fit has used."""
+
+import jax
+import numpy as np
+import pytest
+from lissajous_flight import REFERENCE_FLIGHTS, flight, vehicle
+
+from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffect
+from swift_sim_bridge.gap.effects.catalogue import catalogue
+from swift_sim_bridge.gap.pipeline import prepare, references
+from swift_sim_bridge.gap.pipeline.diagnosis import Options
+from swift_sim_bridge.gap.validation import repair_choice
+
+
+def repair_of(recording: FlightTable, found_names: dict, withdrawn: bool):
+    """Return (repair, reported effects) where a search has found these effects with their values, or given them up."""
+    effects = {effect.key: effect for effect in catalogue(vehicle())}
+    names = tuple(
+        SelectedEffect(effects[key], np.array(values), np.eye(len(values)), 50.0, is_certain=not withdrawn)
+        for key, values in found_names.items()
+    )
+    with jax.enable_x64(True):
+        evidence = prepare.prepare_evidence([recording], vehicle(), Options(lambda text: None))
+        found = SearchResult(() if withdrawn else names, (), evidence, names if withdrawn else ())
+        chosen = repair_choice.choose_repair(vehicle(), found, lambda text: None)
+    return chosen, repair_choice.reported(found, chosen).selected
+
+
+def test_a_name_of_which_an_equation_explains_more_stays_where_the_unseen_part_gets_better(monkeypatch):
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    chosen, reported = repair_of(flight(3, rotor_drag=[6e-5]), {"rotor_drag": [4e-5]}, withdrawn=True)
+    (drag,) = chosen.names
+    assert drag.values == pytest.approx([6e-5], rel=0.03) and not chosen.left_out
+    assert [(one.effect.id, one.verdict) for one in reported] == [("rotor_drag", "tentative")]
+
+
+def test_a_name_without_which_the_unseen_part_is_better_is_not_in_the_repair(monkeypatch):
+    """The accelerometer is off in the first half of the flight alone: no bias of the whole flight."""
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    table = flight(3)
+    t, force = table["specific_force_body"].t, table["specific_force_body"].values.copy()
+    force[t < t[0] + 0.5 * (t[-1] - t[0])] += [0.0, 1.5, 0.0]
+    changed = FlightTable("shifted", {**table.channels, "specific_force_body": Samples(t, force)})
+    chosen, reported = repair_of(changed, {"accel_bias": [0.0, 1.0, 0.0]}, withdrawn=False)
+    assert not chosen.names and [one.effect.id for one in chosen.left_out] == ["accel_bias"]
+    assert [one.verdict for one in reported] == ["tentative"]
