@@ -36,11 +36,11 @@ from swift_ros.vehicle import GRAVITY
 
 LONGEST_STEP_S = 0.05  # longer gaps of the odometry are crossed by its position
 AGREEMENT_S = 1.0  # time constant of the mean by which accelerometer and odometry are compared
-# Largest mean of the squared innovations in units of their variance. 1 is expected; it is 0.5 to 1.4 in races, and 27
+# Largest mean of the squared innovations in units of their variance. 1 is expected; it is 0.3 to 1.6 in races, and 36
 # with an accelerometer in units of g.
 MAX_DISAGREEMENT = 5.0
-# Largest bias in units of its standard deviation. Other errors look like a bias: axes that are off by 2 degrees like
-# one of 5, a scale that is off by 5 % like one of 7. From there on the odometry's own velocity is the better one.
+# Largest bias in units of its standard deviation, which is 0.9 to 1.7 in races. Other errors look like a bias: axes that
+# are off by 2 degrees like one of 8, a scale that is off by 5 % like one of 10.
 MAX_BIAS = 3.5
 GRAVITY_MAP = np.array([0.0, 0.0, GRAVITY])
 
@@ -88,7 +88,7 @@ class CornerMotion:
         r_map_body = r_turn @ geometry.rotation_matrix(odometry.q_world_body)
         turned = r_turn @ push
         v_map = state.v_map + turned - dt * (r_map_body @ state.bias + GRAVITY_MAP)
-        transition, noise = self._slow(odometry, dt)
+        transition, noise = self._odometry_errors(odometry, dt)
         transition[VELOCITY, TURN] = -geometry.skew(turned)
         transition[VELOCITY, BIAS] = -dt * r_map_body
         transition[POSITION, 6:] = 0.5 * dt * transition[VELOCITY, 6:]
@@ -102,7 +102,7 @@ class CornerMotion:
         s = self._settings
         flown = _rotation(state.turn[2]) @ (odometry.p_world - state.odometry.p_world)
         path, rate = float(np.linalg.norm(flown)), float(np.linalg.norm(odometry.omega_body))
-        transition, noise = self._slow(odometry, dt)
+        transition, noise = self._odometry_errors(odometry, dt)
         error_time = s.vio_rate_memory_s * -float(np.expm1(-dt / s.vio_rate_memory_s))
         transition[POSITION, ERROR] = error_time * np.eye(3)
         transition[POSITION, SCALE] = flown
@@ -120,8 +120,8 @@ class CornerMotion:
             evidence=moved.evidence.predicted(copy),
         )
 
-    def _slow(self, odometry: Odometry, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return transition (16, 16) and noise (16,) of a step: those of attitude and error of the odometry."""
+    def _odometry_errors(self, odometry: Odometry, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return transition (16, 16) and noise (16,) of a step, as far as attitude and velocity of the odometry go."""
         s = self._settings
         keep_error, keep_tilt = np.exp(-dt / s.vio_rate_memory_s), np.exp(-dt / s.vio_tilt_memory_s)
         transition, noise = np.eye(SIZE), np.zeros(SIZE)
