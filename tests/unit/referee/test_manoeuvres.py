@@ -32,7 +32,9 @@ def test_tool_and_referee_fly_the_same_figure_for_each_manoeuvre():
 @pytest.mark.parametrize("name", manoeuvres.FIGURES)
 def test_a_finding_of_the_report_has_id_and_duration_of_the_manoeuvre(name):
     effect = replace(catalogue.gusts(), layer="force")
-    ambiguous = SelectedEffect(effect, np.array([3.0]), np.eye(1), 9.0, {effect.key: 0.5, "wind": 0.5})
+    ambiguous = SelectedEffect(
+        effect, np.array([3.0]), np.eye(1), 9.0, {effect.key: 0.5, "wind": 0.5}, {effect.key: np.array([3.0])}
+    )
     evidence = SimpleNamespace(residual_models=[SimpleNamespace(channels=(), t=np.arange(9.0))])
     proposed = proposals.SeparatingManoeuvre(proposals.Manoeuvre(name, 15.0), 7.2)
     for manoeuvre, expected in ((proposed, (name, 15.0)), (None, None)):
