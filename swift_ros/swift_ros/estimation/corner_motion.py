@@ -39,7 +39,7 @@ AGREEMENT_S = 1.0  # time constant of the mean by which accelerometer and odomet
 # Largest mean of the squared innovations in units of their variance. 1 is expected; it is 0.3 to 1.6 in races, and 36
 # with an accelerometer in units of g.
 MAX_DISAGREEMENT = 5.0
-# Largest bias in units of its standard deviation, which is 0.9 to 1.7 in races. Other errors look like a bias: axes that
+# Largest bias in units of its standard deviation; it is 0.9 to 1.7 in races. Other errors look like a bias: axes that
 # are off by 2 degrees like one of 8, a scale that is off by 5 % like one of 10.
 MAX_BIAS = 3.5
 GRAVITY_MAP = np.array([0.0, 0.0, GRAVITY])
