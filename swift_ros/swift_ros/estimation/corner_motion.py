@@ -31,10 +31,10 @@ from swift_ros.estimation.corner_state import (
 )
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.estimation.specific_force import SpecificForce
+from swift_ros.estimation.velocity_path import LONGEST_STEP_S
 from swift_ros.types import Odometry
 from swift_ros.vehicle import GRAVITY
 
-LONGEST_STEP_S = 0.05  # longer gaps of the odometry are crossed by its position
 AGREEMENT_S = 1.0  # time constant of the mean by which accelerometer and odometry are compared
 # Largest mean of the squared innovations in units of their variance. 1 is expected; it is 0.3 to 1.6 in races, and 36
 # with an accelerometer in units of g.
