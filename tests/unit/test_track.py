@@ -65,7 +65,7 @@ def test_judge_and_contact_agree_on_a_dive_through_a_larger_gate(offset, ends):
     for tick, p_map in enumerate(path, start=1):
         pose = Odometry(2_000_000 * tick, p_map, q_map_body, np.array([10.0, 0.0, 0.0]), np.zeros(3))
         events += judge.update(pose)
-    distances = jax.jit(jax.vmap(lambda p: frame_distance(p, jnp.asarray(q_map_body), parameters, world)[0]))
+    distances = jax.jit(jax.vmap(lambda p: frame_distance(p, jnp.asarray(q_map_body), parameters, world.frames)[0]))
     nearest = float(distances(jnp.asarray(path)).min())
     assert any(event.is_passage for event in events) == (ends == "passes")
     assert any(event.state == race.CRASHED for event in events) == (ends == "hits")

@@ -29,24 +29,36 @@ PROJECTIONS = 24  # iterations of the nearest point: 99 % of random hulls near a
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class Frames:
+    """Frames of the gates, in m.
+
+    Attributes:
+        position: (g, 3) in the map.
+        rotation: (g, 3, 3), R_map_gate.
+        bar_low: (g, 4, 3), one corner of each of the four bars of a frame, in the gate's frame.
+        bar_high: (g, 4, 3), the opposite corner.
+    """
+
+    position: jax.Array
+    rotation: jax.Array
+    bar_low: jax.Array
+    bar_high: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class World:
     """Obstacles, in m.
 
     Attributes:
         ground_z: height of the ground.
         podium: (3,) centre of the podium's top.
-        gate_position: (g, 3) in the map.
-        gate_rotation: (g, 3, 3), R_map_gate.
-        bar_low: (g, 4, 3), one corner of each of the four bars of a frame, in the gate's frame.
-        bar_high: (g, 4, 3), the opposite corner.
+        frames: of the gates; None where the physics need not stop a hull at them.
     """
 
     ground_z: jax.Array
     podium: jax.Array
-    gate_position: jax.Array
-    gate_rotation: jax.Array
-    bar_low: jax.Array
-    bar_high: jax.Array
+    frames: Frames | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -72,12 +84,17 @@ class Contact:
 
 def world_from_track(track: Track, hull_height: float, dtype=None) -> World:
     """Return the world of a track: ground at z = 0 and a podium on which the hull stands at `track.start`."""
-    dtype = dtype or jnp.result_type(float)
     sides = zip(track.inner_sides, track.outer_sides, strict=True)
     bars = np.array([_bars(inner, outer, track.half_depth) for inner, outer in sides])
+    values = (track.positions, track.rotations, bars[:, :, 0], bars[:, :, 1])
+    frames = Frames(*(jnp.asarray(value, dtype or jnp.result_type(float)) for value in values))
+    return replace(supports_of_track(track, hull_height, dtype), frames=frames)
+
+
+def supports_of_track(track: Track, hull_height: float, dtype=None) -> World:
+    """Return the world of a track without its gates: what a vehicle can stand on."""
     podium = np.array(track.start) - [0, 0, 0.5 * hull_height]
-    values = (0.0, podium, track.positions, track.rotations, bars[:, :, 0], bars[:, :, 1])
-    return World(*(jnp.asarray(value, dtype=dtype) for value in values))
+    return World(*(jnp.asarray(value, dtype or jnp.result_type(float)) for value in (0.0, podium)))
 
 
 def _bars(inner_side: float, outer_side: float, half_depth: float) -> list[list[tuple[float, float, float]]]:
@@ -150,14 +167,14 @@ def _support(q_world_body, parameters):
     return reach, geometry.rotate_inverse(q_world_body, moment)
 
 
-def frame_distance(p_world, q_world_body, parameters, world):
+def frame_distance(p_world, q_world_body, parameters, frames: Frames):
     """Return (distance (..., g) m, point (..., g, 3)) from the hull to each gate's frame and the frame's nearest point.
 
     Hull and bar are convex, so alternating projections converge to their nearest points; Nesterov's extrapolation makes
     them fast where hull and bar are almost parallel.
     """
-    to_gate = jnp.swapaxes(world.gate_rotation, -1, -2)
-    centre = apply(to_gate, p_world[..., None, :] - world.gate_position)[..., None, :]
+    to_gate = jnp.swapaxes(frames.rotation, -1, -2)
+    centre = apply(to_gate, p_world[..., None, :] - frames.position)[..., None, :]
     axis_world = geometry.rotate(q_world_body, jnp.zeros_like(p_world).at[..., 2].set(1.0))
     axis = apply(to_gate, axis_world[..., None, :])[..., None, :]
     radius = parameters.hull_radius[..., None, None, None]
@@ -173,20 +190,20 @@ def frame_distance(p_world, q_world_body, parameters, world):
     def alternate(k, points):
         bar, before = points
         ahead = bar + k / (k + 3.0) * (bar - before)
-        return jnp.clip(into_hull(ahead), world.bar_low, world.bar_high), bar
+        return jnp.clip(into_hull(ahead), frames.bar_low, frames.bar_high), bar
 
-    start = jnp.clip(centre, world.bar_low, world.bar_high)
+    start = jnp.clip(centre, frames.bar_low, frames.bar_high)
     bar, _ = jax.lax.fori_loop(0, PROJECTIONS, alternate, (start, start))
     distance = jnp.sqrt(jnp.sum((into_hull(bar) - bar) ** 2, axis=-1))
     nearest = jnp.argmin(distance, axis=-1)[..., None]
     bar = jnp.take_along_axis(bar, nearest[..., None], axis=-2)[..., 0, :]
-    point = world.gate_position + apply(world.gate_rotation, bar)
+    point = frames.position + apply(frames.rotation, bar)
     return jnp.take_along_axis(distance, nearest, axis=-1)[..., 0], point
 
 
-def _on_frame(state, parameters, world):
+def _on_frame(state, parameters, frames: Frames):
     """Return (state, gate hit or -1, closing speed) after contact with a gate's frame."""
-    distance, point = frame_distance(state.p_world, state.q_world_body, parameters, world)
+    distance, point = frame_distance(state.p_world, state.q_world_body, parameters, frames)
     gate = jnp.argmin(distance, axis=-1)
     touched = jnp.take_along_axis(distance, gate[..., None], axis=-1)[..., 0] < CONTACT_DISTANCE_M
     point = jnp.take_along_axis(point, gate[..., None, None], axis=-2)[..., 0, :]
@@ -202,13 +219,15 @@ def _on_frame(state, parameters, world):
 def resolve(state, parameters, world: World, dt):
     """Return (state, Contact) after the contacts of a step of `dt` s."""
     state, supported, closing = _on_support(state, parameters, world, dt)
-    reach = jnp.sqrt(jnp.sum(world.bar_high.max(axis=(0, 1)) ** 2)) + parameters.hull_radius + parameters.hull_height
-    apart = state.p_world[..., None, :] - world.gate_position
-    near = jnp.any(jnp.sum(apart * apart, axis=-1) < reach[..., None] ** 2)
     free = (state, jnp.full(closing.shape, -1, dtype=jnp.int32), jnp.zeros_like(closing))
+    if (frames := world.frames) is None:
+        return state, Contact(supported, closing, free[1])
+    reach = jnp.sqrt(jnp.sum(frames.bar_high.max(axis=(0, 1)) ** 2)) + parameters.hull_radius + parameters.hull_height
+    apart = state.p_world[..., None, :] - frames.position
+    near = jnp.any(jnp.sum(apart * apart, axis=-1) < reach[..., None] ** 2)
 
     def with_contact():
-        moved, gate, frame_closing = _on_frame(state, parameters, world)
+        moved, gate, frame_closing = _on_frame(state, parameters, frames)
         return moved, gate.astype(jnp.int32), frame_closing
 
     state, gate, frame_closing = jax.lax.cond(near, with_contact, lambda: free)

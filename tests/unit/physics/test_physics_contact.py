@@ -145,12 +145,13 @@ def test_the_distance_to_a_frame_is_the_distance_of_the_nearest_points():
     gate = 2
     offsets = rng.uniform([-0.5, -1.4, -1.4], [0.5, 1.4, 1.4], size=(200, 3))
     centres = track().positions[gate] + offsets @ track().rotations[gate].T
-    distance, _ = frame_distance(jnp.asarray(centres), jnp.asarray(quaternions), parameters(), world())
+    frames = world().frames
+    distance, _ = frame_distance(jnp.asarray(centres), jnp.asarray(quaternions), parameters(), frames)
     cloud = hull_cloud()
     for i in range(200):
         points = centres[i] + geometry.rotate(quaternions[i], cloud)
         local = to_gate_frame(track().positions[gate], track().rotations[gate], points)
-        bars = zip(world().bar_low[gate], world().bar_high[gate], strict=True)
+        bars = zip(frames.bar_low[gate], frames.bar_high[gate], strict=True)
         gaps = [local - np.clip(local, low, high) for low, high in bars]
         truth = min(np.linalg.norm(gap, axis=1).min() for gap in gaps)
         assert (

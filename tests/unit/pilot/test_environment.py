@@ -95,6 +95,20 @@ def test_a_flight_into_the_podium_is_a_touch_and_a_take_off_from_it_is_not(above
     assert outcome.crashed[0] == touched
 
 
+@pytest.mark.parametrize(("above_m", "turns"), [(0.0, False), (1.0, True)])
+def test_a_hull_that_stands_on_the_podium_cannot_turn_before_its_thrust_lifts_it(above_m, turns):
+    """At full pitch rate the pilot of a training that ignores the podium is 0.02 s ahead of a race."""
+    agents = jax.tree.map(lambda leaf: leaf[:1], PODIUM(jax.random.PRNGKey(0)))
+    state = replace(agents.flight.state, p_world=agents.flight.state.p_world.at[:, 2].add(above_m))
+    agents = agents._replace(flight=replace(agents.flight, state=state))
+    for _ in range(5):
+        agents, outcome = environment.step(
+            WORLD, agents, jnp.array([[1.0, 0.0, 1.0, 0.0]]), jnp.zeros((1, randomization.ERRORS)), {"crash": 1.0}
+        )
+        assert not outcome.crashed[0]
+    assert bool(agents.flight.state.omega_body[0, 1] > 4.0) == turns
+
+
 def test_each_reward_term_has_the_value_of_a_planted_moment():
     moment = EMPTY_MOMENT._replace(
         distance_before=jnp.array([3.0]),

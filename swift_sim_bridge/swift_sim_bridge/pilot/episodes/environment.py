@@ -184,7 +184,7 @@ def fly(world: World, agents: Agents, action, innovation) -> tuple[Agents, jnp.n
     armed = jnp.ones(throttle.shape, bool)
     parameters = randomization.parameters_of(agents.episode, world.parameters)
     frame = ReceiverFrame(delayed[:, :3], throttle, armed)
-    flight, trace = advance(agents.flight, frame, FlightModel(parameters, world.profile))
+    flight, trace = advance(agents.flight, frame, FlightModel(parameters, world.profile, world.supports))
     error = randomization.next_error(innovation, agents.error, agents.episode)
     p_estimate, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
     frames = world.gates.positions, world.gates.rotations, world.gates.outer_sides

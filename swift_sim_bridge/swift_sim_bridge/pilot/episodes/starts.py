@@ -101,9 +101,9 @@ def still_flight(world: World, p_world, q_world_body) -> Flight:
 def podium(world: World, key, n: int) -> Flight:
     """Return `n` flights at rest on the podium, each with a random offset."""
     settings = world.settings
-    noise = jax.random.uniform(key, (n, 4), minval=-1.0, maxval=1.0)
-    position = world.start[0] + settings.podium_position_m * noise[:, :3]
-    yaw = world.start[1] + settings.podium_yaw_rad * noise[:, 3]
+    noise = jax.random.uniform(key, (n, 3), minval=-1.0, maxval=1.0)
+    position = (world.start[0] + settings.podium_position_m * noise).at[:, 2].set(world.start[0][2])
+    yaw = world.start[1] + settings.podium_yaw_rad * noise[:, 2]
     return still_flight(world, position, geometry.quaternion_from_yaw(yaw))
 
 

@@ -12,7 +12,7 @@ from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.flight_controller.rate_loop.profile import RateLoopProfile
-from swift_sim_bridge.physics import motors
+from swift_sim_bridge.physics import contact, motors
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.pilot.episodes import judging
 from swift_sim_bridge.pilot.episodes.randomization import EstimateErrors
@@ -36,7 +36,7 @@ class EnvironmentSettings:
         guide_free_m: distance from the guide up to which it costs nothing.
         perturb_position_m, perturb_attitude_rad, perturb_velocity_m_s, perturb_omega_rad_s: largest offset from a
             state of the bank, an axis.
-        podium_position_m, podium_yaw_rad: largest offset from the podium, an axis.
+        podium_position_m, podium_yaw_rad: largest offset on the podium, of x, of y and of the yaw.
         grace_s: frames cannot be hit so long after the start of an episode, which may begin close to a frame.
         command_delay_s: largest time from a state to the moment in which its command is in force.
         vehicle_spread: factor on the ranges in which the parameters of the vehicle are drawn (`randomization`): 1 for a
@@ -74,6 +74,7 @@ class World(NamedTuple):
 
     Attributes:
         gates: frames, flight volume and hull, for the rules.
+        supports: ground and podium, for the physics: a hull that stands on them cannot turn yet.
         corners: (g, 4, 3) m, inner corners of the gates in the map.
         start: position (3,) m and yaw (rad) of the podium.
         camera_axis: (3,) optical axis in the body frame.
@@ -90,6 +91,7 @@ class World(NamedTuple):
     """
 
     gates: judging.Gates
+    supports: contact.World
     corners: jnp.ndarray
     start: tuple
     camera_axis: jnp.ndarray
@@ -125,6 +127,7 @@ def make_world(
     idle_speed = motors.steady_speed(profile.motor_idle[None], full, parameters.motors)
     return World(
         gates=judging.make_gates(track, vehicle),
+        supports=contact.supports_of_track(track, vehicle.hull_height, jnp.float32),
         corners=single(track.corners),
         start=(single(track.start), float(np.radians(track.start_yaw_deg))),
         camera_axis=single([np.cos(pitch), 0.0, np.sin(pitch)]),
