@@ -79,7 +79,9 @@ def hull_reach(hull_radius, hull_height, up):
         up: (...), component of the hull's upward axis (a unit vector) along that axis.
     """
     xp = array_namespace(up)
-    across = xp.sqrt(xp.maximum(1.0 - up * up, 0.0))
+    squared = 1.0 - up * up
+    tilted = squared > 0.0  # of a level hull the root has no gradient
+    across = xp.where(tilted, xp.sqrt(xp.where(tilted, squared, 1.0)), 0.0)
     return hull_radius * across + 0.5 * hull_height * xp.abs(up)
 
 

@@ -20,7 +20,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.benchmarks import physics_speed
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.parallel import WHOLE, compile_for_devices, devices_for
-from swift_sim_bridge.pilot import algorithm, export, job, trial
+from swift_sim_bridge.pilot import algorithm, compiled, export, job, trial
 from swift_sim_bridge.pilot.episodes import environment, randomization
 from swift_sim_bridge.pilot.episodes.world import World, make_world
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings, schedule_at
@@ -104,7 +104,7 @@ def measure(folder: Path, progress=print) -> dict[str, Any]:
 def _end_to_end(bench: Bench) -> dict[str, float]:
     """Return the figures of a training with its trials, on all devices."""
     settings, training = bench.settings, bench.training
-    updates = measure_call(algorithm.compile_updates(bench.world, settings, bench.plan, UPDATES), training, rounds=3)
+    updates = measure_call(compiled.compile_updates(bench.world, settings, bench.plan, UPDATES), training, rounds=3)
     races = trial.compile_races(bench.world, settings.trial_races)
     tried = measure_call(races, training.networks["actor"], training.key, jnp.float32(1.0), rounds=1)
     interactions = UPDATES * settings.batch
@@ -120,7 +120,7 @@ def _end_to_end(bench: Bench) -> dict[str, float]:
 
 def _parts(bench: Bench) -> dict[str, float]:
     """Return the CPU time of parts of an update, each of which contains the one before, s per million interactions."""
-    placed = (algorithm.placement(),)
+    placed = (compiled.placement(),)
     functions = {"physics": _physics, "step": _steps, "roll_out": _roll_out}
     calls = {name: compile_for_devices(partial(part, bench), 1, placed, WHOLE) for name, part in functions.items()}
     return {name: 1e6 * measure_call(call, bench.training).cpu_s / bench.settings.batch for name, call in calls.items()}

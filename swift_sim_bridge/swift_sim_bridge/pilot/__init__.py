@@ -4,6 +4,8 @@ episodes        start, step, rules and reward of n races
 networks        actor and critic
 settings        settings of the training and their schedules
 algorithm       proximal policy optimisation
+backpropagation descent on the exact gradient of whole races
+compiled        updates of either on all devices
 trial           whole races with the deterministic policy
 robustness      what a pilot withstands
 export          the policy as an ONNX file

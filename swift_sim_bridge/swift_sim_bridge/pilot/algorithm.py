@@ -1,26 +1,27 @@
 """Proximal policy optimisation of the pilot's policy.
 
 An update flies `steps` ticks with all agents, computes generalised advantages, and descends on shuffled minibatches.
-Each device (see `parallel`) flies a share of the agents; all descend on the mean of their gradients. `train` drives it.
+Each device (see `parallel`) flies a share of the agents; all descend on the mean of their gradients. `compiled` drives
+it.
 PPO: Schulman et al. 2017; generalised advantages: Schulman et al. 2016.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import optax
 
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
-from swift_sim_bridge.parallel import DEVICES, SPLIT, WHOLE, compile_for_devices, devices_for
+from swift_sim_bridge.parallel import DEVICES
 from swift_sim_bridge.pilot import networks
 from swift_sim_bridge.pilot.episodes import environment, randomization, starts
 from swift_sim_bridge.pilot.episodes.randomization import TICK
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, largest_divisor, schedule_at
 
 CRITIC_SIZE = OBSERVATION_SIZE + environment.TRUE_OBSERVATION_SIZE
-# Lower bound of the learning rate, which falls while the updates' divergence is too large. A fine-tuning with a sigma of
-# 0.01 needs 3e-6; from the bound, the rate needs 31 updates back to 2.5e-4.
+# Lower bound of the learning rate, which falls while the updates' divergence is too large. A fine-tuning with a sigma
+# of 0.01 needs 3e-6; from the bound, the rate needs 31 updates back to 2.5e-4.
 MIN_LEARNING_RATE = 1e-6
 BLOCK = 128  # rows whose activations stay in the cache of a core: gradients of more rows at once take longer there
 
@@ -291,20 +292,3 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
         updates=training.updates + 1,
         learning_rate=learning_rate,
     ), figures
-
-
-def compile_updates(world, settings: PolicySettings, plan: Plan, count: int):
-    """Return the jitted function: training -> (training after `count` updates, mean of their figures)."""
-
-    def improve(training):
-        training, figures = jax.lax.scan(lambda t, _: update(world, settings, plan, t), training, None, length=count)
-        return training, jax.tree.map(jnp.mean, figures)
-
-    devices = devices_for(settings.agents, settings.minibatch)
-    return compile_for_devices(improve, devices, (placement(),), (placement(), WHOLE))
-
-
-def placement() -> Training:
-    """Return which parts of a training are split over the devices: the agents."""
-    parts: Any = dict.fromkeys(Training._fields, WHOLE) | {"agents": SPLIT}
-    return Training(**parts)

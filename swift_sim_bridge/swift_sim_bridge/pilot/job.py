@@ -113,6 +113,11 @@ class TrainingJob:
         return len(self.track.gates)
 
     @property
+    def starts_from_another(self) -> bool:
+        """Whether the first networks were those of another training."""
+        return bool(self.record["conditions"]["start_from"])
+
+    @property
     def end(self) -> int:
         """Interactions at which the training is to end."""
         return self.record["sittings"][-1]["end"]

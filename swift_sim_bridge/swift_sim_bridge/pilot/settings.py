@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from swift_ros.configuration import within
+from swift_ros.configuration import refuse_outside, within
 from swift_ros.text import described, excerpt
 from swift_sim_bridge.pilot.episodes import rewards
 from swift_sim_bridge.pilot.episodes.randomization import EstimateErrors
 from swift_sim_bridge.pilot.episodes.world import EnvironmentSettings
+
+ALGORITHMS = ("ppo", "backpropagation")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +47,9 @@ class PolicySettings:
 
     Attributes:
         rewards: scale of each term of `rewards.TERMS`.
+        algorithm: "ppo", or "backpropagation" for a pilot that flies already (`backpropagation`). That flies `agents`
+            races of `steps` ticks an update, and of the settings below reads those of the length, `learning_rate` and
+            `gradient_norm`, the difficulty and the trials.
         environment: see `EnvironmentSettings`.
         estimate_errors: see `EstimateErrors`.
         fine_tuning: see `FineTuning`.
@@ -72,6 +77,7 @@ class PolicySettings:
     environment: EnvironmentSettings
     estimate_errors: EstimateErrors
     fine_tuning: FineTuning
+    algorithm: str
     interactions: int = within(1)
     agents: int = within(1, 1_000_000)
     steps: int = within(1, 100_000)
@@ -93,6 +99,7 @@ class PolicySettings:
     final_races: int = within(1, 1_000_000)
 
     def __post_init__(self):
+        refuse_outside(ALGORITHMS, algorithm=self.algorithm)
         undefined = set(self.rewards) - set(rewards.TERMS)
         if undefined:
             raise ValueError(f"unknown reward '{min(undefined)}'; known are {', '.join(rewards.TERMS)}")

@@ -1,4 +1,4 @@
-"""The training of the policy around `algorithm`: trial races, checkpoints, log, picture, and export of the best policy.
+"""The training of the policy around its algorithm: trials, checkpoints, log, picture, export of the best policy.
 
 One compiled call makes all updates between two trials. After each trial `training.npz` is saved, `progress.jsonl` gets
 a line, `progress.png` is drawn anew, and a policy that is better than all before is exported. The same call resumes an
@@ -16,7 +16,8 @@ import numpy as np
 from swift_sim_bridge.model_files import checkpoint, training_log
 from swift_sim_bridge.parallel import InBackground
 from swift_sim_bridge.pilot import picture, trial
-from swift_sim_bridge.pilot.algorithm import Training, compile_updates
+from swift_sim_bridge.pilot.algorithm import Training
+from swift_sim_bridge.pilot.compiled import compile_updates
 from swift_sim_bridge.pilot.job import CHECKPOINT, TrainingJob, TrainingOptions, first_state, prepare
 from swift_sim_bridge.pilot.settings import PolicySettings, schedule_at
 
@@ -43,7 +44,7 @@ def train(job: TrainingJob, training: Training) -> dict:
     rows = [{"races": settings.trial_races} | row for row in rows]  # a log of an earlier version does not say it
     compiled = functools.cache(functools.partial(compile_updates, job.world, settings, job.plan))
     draw = InBackground(picture.draw)  # takes a second, in which the next updates begin
-    if not rows and job.plan.critic_first:
+    if not rows and job.starts_from_another:
         draw(*_conclude(job, training, rows, {}))  # the pilot from which this training starts
     print(f"on {len(jax.devices())} {jax.default_backend()} devices", flush=True)
     started_s = time.monotonic()

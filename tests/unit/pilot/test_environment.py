@@ -131,6 +131,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         "crash": -1.0,
         "passage": 1.0,
         "margin": -0.3,
+        "risk": -np.exp(-5.0),
         "guide": -0.7,
         "pace": 0.012,
         "thrust_direction": -0.75,

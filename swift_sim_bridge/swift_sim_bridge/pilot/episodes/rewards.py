@@ -1,7 +1,7 @@
 """The reward as a sum of terms, each weighted by `rewards` in config/training.yaml.
 
 Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Added are a bonus for
-each gate, with which an untrained policy finds its first laps, a cost of passing close to a frame, and with a guide
+each gate, with which an untrained policy finds its first laps, two costs of passing close to a frame, and with a guide
 three more: costs of leaving its line and of another direction of the thrust, and progress in its time. Yaw is priced
 apart from the other rates.
 """
@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 PERCEPTION_DECAY = -10.0  # lambda_3 of the paper, with the angle in rad
 SUFFICIENT_MARGIN_M = 0.4  # hull to inner edge; a larger one is not rewarded. In the middle of a gate it is 0.57 m
+RISK_MARGIN_M = 0.02  # nearer to the frame by so much, a touch is e times as probable; flights differ by it at a gate
 
 
 class Moment(NamedTuple):
@@ -79,6 +80,11 @@ def margin(moment):
     return -jnp.where(moment.passed, jnp.maximum(SUFFICIENT_MARGIN_M - moment.margin, 0.0), 0.0)
 
 
+def risk(moment):
+    """Cost of a probable touch of the frame: 1 at the frame, e times less for each `RISK_MARGIN_M` away from it."""
+    return -jnp.where(moment.passed, jnp.exp(-jnp.maximum(moment.margin, -RISK_MARGIN_M) / RISK_MARGIN_M), 0.0)
+
+
 def guide(moment):
     """Cost of the distance from the time-optimal lap, m."""
     return -moment.off_guide
@@ -99,7 +105,7 @@ def yaw(moment):
     return -(moment.omega_command[..., 2] ** 2)
 
 
-_TERMS = (progress, perception, rates, smoothness, crash, passage, margin, guide, pace, thrust_direction, yaw)
+_TERMS = (progress, perception, rates, smoothness, crash, passage, margin, risk, guide, pace, thrust_direction, yaw)
 TERMS = {term.__name__: term for term in _TERMS}
 
 
