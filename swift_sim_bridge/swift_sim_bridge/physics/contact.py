@@ -94,7 +94,8 @@ def world_from_track(track: Track, hull_height: float, dtype=None) -> World:
 def supports_of_track(track: Track, hull_height: float, dtype=None) -> World:
     """Return the world of a track without its gates: what a vehicle can stand on."""
     podium = np.array(track.start) - [0, 0, 0.5 * hull_height]
-    return World(*(jnp.asarray(value, dtype or jnp.result_type(float)) for value in (0.0, podium)))
+    dtype = dtype or jnp.result_type(float)
+    return World(jnp.asarray(0.0, dtype), jnp.asarray(podium, dtype))
 
 
 def _bars(inner_side: float, outer_side: float, half_depth: float) -> list[list[tuple[float, float, float]]]:
