@@ -272,6 +272,14 @@ def _resampled(table: FlightTable, fine, stride: int) -> dict[str, np.ndarray]:
     return values
 
 
+def at_times_of_recording(samples: Samples, t) -> np.ndarray:
+    """Return a channel (n, k) at the uniform times t (n,) s of a recording, low-passed as the recorded channels."""
+    dt = t[1] - t[0]
+    stride = max(1, round(samples.rate_hz * dt))
+    fine = t[0] + np.arange(stride * (len(t) - 1) + 1) * dt / stride
+    return _thinned(grid.at(samples, fine), stride)
+
+
 def _interpolated(samples: Samples, t) -> np.ndarray:
     """Return a channel at times t; by a cubic spline where its rate is clearly below the rate of t."""
     if samples.rate_hz > NEARLY_AS_FAST / (t[1] - t[0]) or len(samples.t) < MIN_SPLINE_SAMPLES:

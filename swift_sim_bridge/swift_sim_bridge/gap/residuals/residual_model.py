@@ -12,11 +12,12 @@ from itertools import chain
 
 import numpy as np
 
+from swift_ros.recording.flight_table import Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.recording.command_rows import CommandRows
-from swift_sim_bridge.gap.recording.recording import Recording
+from swift_sim_bridge.gap.recording.recording import Recording, at_times_of_recording
 from swift_sim_bridge.gap.residuals import camera, commands, odometry, physics_replay, propulsion, rigid_body
 from swift_sim_bridge.gap.residuals.channels import ELECTRICAL_POWER, VOLTAGE, Channel, residual_groups
 from swift_sim_bridge.gap.residuals.filters import Filter, averaged
@@ -223,7 +224,7 @@ class ResidualModel:
         own = [i for i in rows if not i or variants.changes[i] == "motor" or _loads_pack(variants.vehicles[i], first)]
         parameters = physics_replay.stack_parameters([variants.vehicles[i] for i in own])
         replayed = physics_replay.rotor_speeds(parameters, record)
-        on_grid = [np.stack([np.interp(t, record.t, rotor) for rotor in one.T], axis=-1) for one in replayed]
+        on_grid = [at_times_of_recording(Samples(record.t, one), t) for one in replayed]
         return np.stack([on_grid[own.index(i) if i in own else 0] for i in rows])
 
     def _for_other_sensors(

@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from lissajous_flight import REFERENCE_FLIGHTS, STEP_S, flight, vehicle
 
 from swift_ros.recording.flight_table import FlightTable, RowSampling
 from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.pipeline import references
-from swift_sim_bridge.gap.recording.recording import read_recording
+from swift_sim_bridge.gap.recording.recording import at_times_of_recording, read_recording
 
 CHANNELS = ("p_world", "q_world_body", "motor_command")
 
@@ -66,3 +67,15 @@ def test_rates_of_the_attitude_take_the_place_of_a_gyro_and_are_no_channel_of_th
     assert not recording.has("gyro_body") and recording.has_motion
     inside = slice(10, -10)
     assert abs((recording.gyro_body - whole.gyro_body)[inside].mean(axis=0)).max() < 0.02
+
+
+def test_rotor_speeds_that_the_commands_cause_are_low_passed_as_measured_ones():
+    """Without the filter what a rate loop does between two times of the recording would look like thrust."""
+    table = flight(2)
+    speeds = table["rotor_speed"]
+    shaken = replace(speeds, values=speeds.values + 30.0 * (-1.0) ** np.arange(len(speeds.t))[:, None])
+    recording = read_recording(replace(table, channels={**table.channels, "rotor_speed": shaken}), vehicle())
+    inside = slice(2, -2)
+    caused = at_times_of_recording(shaken, recording.t)[inside]
+    assert np.abs(caused - recording.rotor_speed[inside]).max() < 1e-6
+    assert np.abs(caused - at_times_of_recording(speeds, recording.t)[inside]).max() < 3.0
