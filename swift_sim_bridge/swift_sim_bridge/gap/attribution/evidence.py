@@ -122,13 +122,17 @@ class SelectedEffect:
         return (*absent, *self.beside)
 
     def interval95(self, seconds: int) -> np.ndarray:
-        """Return the 95 % interval (2, k) of its parameters over all explanations, from `seconds` s of recordings."""
+        """Return the 95 % interval (2, k) of its parameters over all explanations, from `seconds` s of recordings.
+
+        It ends at the physical bounds of the parameters.
+        """
         rivals = self.rivals
         weights = np.array([1.0, *(one.weight for one in rivals)])
         means = self.values + np.array([np.zeros(len(self.values)), *(one.shift for one in rivals)])
         errors = np.array([np.sqrt(np.diag(self.covariance)), *(one.errors for one in rivals)])
         errors = errors * stats.t.ppf(0.975, max(seconds - 1, 1)) / stats.norm.ppf(0.975)
-        return np.array([mixture_quantile(share, weights / weights.sum(), means, errors) for share in (0.025, 0.975)])
+        ends = [mixture_quantile(share, weights / weights.sum(), means, errors) for share in (0.025, 0.975)]
+        return np.clip(ends, *np.array([(one.low, one.high) for one in self.effect.parameters]).T)
 
     def without_confounders(self, keys) -> "SelectedEffect":
         """Return the effect without some of its confounders, given by key."""

@@ -5,13 +5,22 @@ import pytest
 from linear_flight import problem_of
 from scipy import stats
 
-from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.effects import Effect, scalar_parameter
 from swift_sim_bridge.gap.attribution.evidence import SelectedEffect
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.marginal import Rival, mixture_quantile, rivals_beside
 
 SECONDS = 10_000  # so many that Student's distribution is the normal one
-DRAG = Effect(id="drag", layer="force", parameters=(), equation="", sentence="", manoeuvre="", channels=())
+SMALLEST = 0.1  # physical value of the drag
+DRAG = Effect(
+    id="drag",
+    layer="force",
+    parameters=(scalar_parameter("c", "1/s", "drag", step=0.1, low=SMALLEST),),
+    equation="",
+    sentence="",
+    manoeuvre="",
+    channels=(),
+)
 
 
 def interval(**more) -> list[float]:
@@ -32,6 +41,11 @@ def test_where_another_effect_may_act_in_its_place_the_interval_reaches_the_valu
 def test_a_likely_effect_beside_it_widens_the_interval_and_an_unlikely_one_does_not(weight, low):
     beside = (Rival(weight, np.array([-1.0]), np.array([0.2])),)
     assert interval(beside=beside)[0] == pytest.approx(low, abs=0.02)
+
+
+def test_an_interval_ends_at_the_physical_bounds():
+    low, high = interval(beside=(Rival(1.0, np.array([-4.0]), np.array([3.0])),))
+    assert low == SMALLEST and high > 5.1
 
 
 def test_quantiles_of_a_mixture_agree_with_drawn_numbers():
