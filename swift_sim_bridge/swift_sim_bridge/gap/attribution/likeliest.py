@@ -17,6 +17,7 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
 from swift_sim_bridge.gap.attribution.model_comparison import MIN_IMPROVEMENT, is_physical, normalised_squares
 from swift_sim_bridge.gap.attribution.search import beyond_rows, widened_covariance
 from swift_sim_bridge.gap.attribution.stepwise_search import other_variants
+from swift_sim_bridge.gap.attribution.used_pack import used_pack
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.confounders import MIN_CONFOUNDER_WEIGHT
@@ -79,7 +80,8 @@ def _headed(
         significance=stepwise.accepts(problem, [other for other in values if other != key], key)[1],
         changes={**one.changes, key: values[key] - file_values(effects[key], vehicle)},
         is_certain=False,
-        beside=rivals_beside(
+        beside=used_pack(evidence, vehicle, [effects[other] for other in values], values, covariance)[key]
+        + rivals_beside(
             problem, list(values), key, other_variants(list(values), effects), parameter_steps((effects[key],))
         ),
     ).without_confounders({other for other, weight in one.confounders.items() if weight < MIN_CONFOUNDER_WEIGHT})

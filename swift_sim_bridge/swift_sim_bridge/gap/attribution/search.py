@@ -19,6 +19,7 @@ from swift_sim_bridge.gap.attribution.payload import select_payload
 from swift_sim_bridge.gap.attribution.process_noise import with_recorded_noise
 from swift_sim_bridge.gap.attribution.stepwise_search import other_variants, problem_without_variants, select_stepwise
 from swift_sim_bridge.gap.attribution.unexplained import unexplained_channels
+from swift_sim_bridge.gap.attribution.used_pack import used_pack
 from swift_sim_bridge.gap.attribution.wind import select_local_wind
 from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
@@ -142,6 +143,7 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
     problem = selection_problem_at(evidence, vehicle, effects, keys, values)
     bare = problem_without_variants(evidence, vehicle, effects, keys, values) or problem
     _, covariance = gauss_newton_fit(evidence, vehicle, [effects[key] for key in keys], values)
+    lower_pack = used_pack(evidence, vehicle, [effects[key] for key in keys], values, covariance)
     found = []
     for key in keys:
         others, effect = [other for other in keys if other != key], effects[key]
@@ -161,7 +163,8 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
                 confounders=confounders,
                 changes=changes,
                 is_certain=certain and is_large(problem, others, key),
-                beside=rivals_beside(problem, keys, key, other_variants(keys, effects), parameter_steps((effect,))),
+                beside=lower_pack[key]
+                + rivals_beside(problem, keys, key, other_variants(keys, effects), parameter_steps((effect,))),
             )
         )
     return found

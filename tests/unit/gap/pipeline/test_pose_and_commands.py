@@ -58,7 +58,10 @@ def test_a_hung_weight_is_named_by_its_mass_or_in_sets_with_it():
 def test_the_weight_of_a_hover_shows():
     heavy = {"mass": [1.1 * vehicle().mass]}
     report = diagnosed(seed=5, **heavy)
-    assert any("mass" in names for names in named(report)), report["findings"]
+    (one,) = (one for one in report["findings"] if one["effect"] == "mass")
+    mass, (low, high) = one["parameters"]["mass"]["value"], one["parameters"]["mass"]["interval95"]
+    assert low < heavy["mass"][0] < high
+    assert mass - low > 3.0 * (high - mass)  # if the pack was used before the first row, the vehicle is lighter
 
 
 def test_rates_of_the_attitude_take_the_place_of_a_gyro_and_are_no_channel_of_their_own():
