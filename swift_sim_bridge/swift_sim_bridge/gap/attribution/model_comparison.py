@@ -207,7 +207,7 @@ def explain(evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: f
     penalty, bias, bias_gain, changed = 0.0, 0.0, 0.0, 0
     if effects:
         values, covariance = gauss_newton.gauss_newton_fit(evidence, vehicle, effects, values)
-        changed = sum(_changed_count(effect, vehicle, values, covariance) for effect in effects)
+        changed = sum(changed_count(effect, vehicle, values, covariance) for effect in effects)
         penalty = EFFECT_PENALTY * len(effects) + PARAMETER_PENALTY * changed
         bias, bias_gain = _bias_gains(evidence, vehicle, effects, values)
     lines = gauss_newton.residuals_at(evidence, gauss_newton.with_effects(vehicle, effects, values))
@@ -236,7 +236,7 @@ def explain(evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: f
     )
 
 
-def _changed_count(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:
+def changed_count(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:
     """Return the number of an effect's parameters that change significantly."""
     change = np.abs(values[effect.key] - file_values(effect, vehicle))
     return int(np.count_nonzero(change > MIN_CHANGE_ERRORS * np.sqrt(np.diag(covariance[effect.key]))))

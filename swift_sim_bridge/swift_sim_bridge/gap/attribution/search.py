@@ -55,10 +55,7 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
     called_for = {key: values[key] for key in model_comparison.physical_keys(evidence, keys, values)}
     explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
     if len(explanation.keys) < len(keys):  # an effect beside a rejected one may be a consequence of it
-        wind_rejected = "local_draught" in keys and "local_draught" not in explanation.keys
         keys, values = pruned(evidence, vehicle, list(explanation.keys), explanation.values)
-        if wind_rejected:  # the local force remains, to be described by an equation
-            evidence = _with_local_features(evidence, vehicle, keys, values)
         explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
     selected = described(evidence, vehicle, explanation) if explanation.keys else []
     selected = beyond_rows(evidence, vehicle, selected)
@@ -154,6 +151,8 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
         changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
         certain = few and key not in explanation.uncertain and not explanation.terms
+        # Of a draught that is crossed once, for example, neither wind nor place is known: another force may act there.
+        certain = certain and model_comparison.changed_count(effect, vehicle, values, covariance) > 0
         found.append(
             SelectedEffect(
                 effect=effect,
@@ -171,8 +170,11 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
 
 
 def _with_local_features(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> Evidence:
-    """Return the evidence with features of a force at one place, if the residuals of these effects call for it."""
-    effects = [effect for effect in evidence.effects if effect.key in keys]
+    """Return the evidence with features of a force at one place, if the residuals of these effects call for it.
+
+    A local draught does not count: an equation must be able to explain in its place what acts there.
+    """
+    effects = [effect for effect in evidence.effects if effect.key in keys and effect.id != "local_draught"]
     lines = residuals_at(evidence, with_effects(vehicle, effects, values))
     library = feature_library.with_local_features(evidence.library, evidence.residual_models, lines, evidence.sigmas)
     return replace(evidence, library=library)

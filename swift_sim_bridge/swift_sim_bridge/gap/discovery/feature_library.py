@@ -82,7 +82,7 @@ def with_noise_ratio(library: FeatureLibrary, ratios: list[np.ndarray]) -> Featu
 def with_local_features(
     library: FeatureLibrary, residual_models: tuple[ResidualModel, ...], lines: list[Linearisation], sigmas
 ) -> FeatureLibrary:
-    """Return the library with forces along the world's axes at one place, if a recording calls for them.
+    """Return the library with forces at one place, if a recording calls for them: thrust, and along the world's axes.
 
     Several recordings need not share a world: their library is returned as it is.
 
@@ -111,14 +111,30 @@ def with_local_features(
     inflation, local_names = list(library.variance_inflation), set()
     for c in force:
         own, axis = recorded[c], residual_model.channels[c].axis
-        names = tuple(f"{name}_{axis} within {place.radius} m of ({center})" for name in WORLD_AXES)
+        names, units, values = _components_of_force(own, axis, axes[:, :, c])
+        names = tuple(f"{name} within {place.radius} m of ({center})" for name in names)
         local_names.update(names)
-        values = np.concatenate([own.values, weight[:, None] * axes[:, :, c].T], axis=1)
-        recorded[c] = Features((*own.names, *names), (*own.units, *[""] * len(WORLD_AXES)), values)
-        gradients[c] = np.append(gradients[c], np.zeros(len(WORLD_AXES)))
-        inflation[c] = np.append(inflation[c], np.ones(len(WORLD_AXES)))
+        values = np.concatenate([own.values, weight[:, None] * values], axis=1)
+        recorded[c] = Features((*own.names, *names), (*own.units, *units), values)
+        gradients[c] = np.append(gradients[c], np.zeros(len(names)))
+        inflation[c] = np.append(inflation[c], np.ones(len(names)))
     near = f"near({','.join(f'{x:.3f}' for x in (*place.center, place.radius))})"
     return FeatureLibrary((recorded,), (gradients,), inflation, library.threshold, frozenset(local_names), (near,))
+
+
+def _components_of_force(own: Features, axis: str, world) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:
+    """Return names, units and values (m, k) of the forces along one axis of the body that may act at a place.
+
+    Args:
+        own: features of the force's channel.
+        axis: of the channel.
+        world: (3, m) components of the world's axes along it.
+    """
+    names, units = tuple(f"{name}_{axis}" for name in WORLD_AXES), ("",) * len(WORLD_AXES)
+    if axis != "z":
+        return names, units, world.T
+    thrust = own.names.index("thrust")
+    return (f"thrust_{axis}", *names), (own.units[thrust], *units), np.column_stack([own.values[:, thrust], world.T])
 
 
 def _completed(reference: list[Features], own: list[Features], rows: int) -> list[Features]:

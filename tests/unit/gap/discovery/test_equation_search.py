@@ -143,26 +143,30 @@ def test_the_unit_of_a_coefficient_follows_from_channel_and_feature():
     assert units.ratio("m/s", "m/s") == "" and units.product("rad/s", "m/s") == "rad m/s^2"
 
 
-def test_an_unknown_force_at_one_place_is_described_with_the_place():
+@pytest.mark.parametrize(("component", "size"), [("up_z", 3.0), ("thrust_z", 0.3)])
+def test_an_unknown_force_at_one_place_is_described_with_the_place(component, size):
     rng, t = np.random.default_rng(4), np.arange(ROWS) / RATE
     path = 8.0 * np.stack([np.cos(0.8 * t), np.sin(0.8 * t), 0.1 * np.sin(0.5 * t)], axis=1)
     yaw = 0.3 * t
     turned = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(ROWS)]), np.tile([0.0, 0.0, 1.0], (ROWS, 1))
-    names = ("east_x", "north_x", "up_x"), ("east_z", "north_z", "up_z")
-    own = [Features(some, ("",) * 3, values) for some, values in zip(names, turned, strict=True)]
-    library = FeatureLibrary((own,), ([np.zeros(3)] * 2,), [np.ones(3)] * 2, 80.0)
+    thrust = 10.0 + 5.0 * np.sin(9.0 * t)
+    names = ("east_x", "north_x", "up_x", "thrust"), ("east_z", "north_z", "up_z", "thrust")
+    kinds = ("", "", "", "m/s^2")
+    own = [Features(some, kinds, np.column_stack([axes, thrust])) for some, axes in zip(names, turned, strict=True)]
+    library = FeatureLibrary((own,), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 80.0)
     recording, rows = SimpleNamespace(p_world=path), SimpleNamespace(rows=np.arange(ROWS))
     (one,) = residual_models = (SimpleNamespace(channels=FORCE, recording=recording, filter=rows),)
     noise, center, sigmas = 0.5 * rng.standard_normal((ROWS, 2)), np.array([8.0, 0.0, 0.0]), (np.full(2, 0.5),)
     weight = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
-    line = line_of(noise + np.outer(weight, [0.0, 3.0]))
+    force = size * (thrust if component == "thrust_z" else 1.0)
+    line = line_of(noise + np.outer(weight * force, [0.0, 1.0]))
     with_local = feature_library.with_local_features
     assert with_local(library, residual_models, [line_of(noise)], sigmas) is library
     assert with_local(library, (one, one), [line] * 2, sigmas * 2) is library  # recordings need not share a world
     wider = with_local(library, residual_models, [line], sigmas)
     (term,) = equation_search.search_equations(wider, residual_models, [line], sigmas)
-    assert term.channel == FORCE[1] and term.value == pytest.approx(3.0, rel=0.15)
-    name, radius, x, y, z = re.fullmatch(r"(up_z) within (.*) m of \((.*), (.*), (.*)\)", term.name).groups()
+    assert term.channel == FORCE[1] and term.value == pytest.approx(size, rel=0.15)
+    radius, x, y, z = re.fullmatch(rf"{component} within (.*) m of \((.*), (.*), (.*)\)", term.name).groups()
     assert 1.0 < float(radius) < 3.5 and np.linalg.norm(np.array([x, y, z], float) - center) < 1.5
 
 
