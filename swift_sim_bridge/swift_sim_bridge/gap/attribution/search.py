@@ -151,8 +151,8 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
         changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
         certain = few and key not in explanation.uncertain and not explanation.terms
-        # Of a draught that is crossed once, for example, neither wind nor place is known: another force may act there.
-        certain = certain and model_comparison.changed_count(effect, vehicle, values, covariance) > 0
+        if effect.id in model_comparison.LOCATED_EFFECTS:  # crossed once, neither it nor its place may be known
+            certain = certain and model_comparison.changed_count(effect, vehicle, values, covariance) > 0
         found.append(
             SelectedEffect(
                 effect=effect,
