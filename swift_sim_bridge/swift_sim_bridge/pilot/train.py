@@ -57,7 +57,7 @@ def train(job: TrainingJob, training: Training) -> dict:
         checkpoint.save(job.out / CHECKPOINT, training, record=job.record | {"interactions": done})
         _print_progress(job, rows, speed)
     draw.wait()
-    return max(rows, key=merit)
+    return best_of(rows)
 
 
 def updates_until_trial(job: TrainingJob, done: int) -> int:
@@ -95,7 +95,7 @@ def _conclude(job: TrainingJob, training: Training, rows: list[dict], figures: d
 
 def _print_progress(job: TrainingJob, rows: list[dict], speed: float) -> None:
     """Print a line on the last trial, the remaining time and the best trial so far."""
-    last, best = rows[-1], max(rows, key=merit)
+    last, best = rows[-1], best_of(rows)
     remaining_min = max(job.end - last["interactions"], 0) / speed / 60
     print(
         f"{last['interactions'] / 1e6:.1f} of {job.end / 1e6:.1f} M  {speed:.0f} interactions/s  "
@@ -127,6 +127,11 @@ def trained_interactions(settings: PolicySettings, training: Training) -> int:
 def merit(result: dict) -> tuple:
     """Return the sort key of policies, larger is better: difficulty first, then the merit of the trial."""
     return (result["difficulty"], *trial.merit(result))
+
+
+def best_of(rows: list[dict]) -> dict:
+    """Return the best trial; of equal ones the last, whose policy is the one that was exported."""
+    return max(reversed(rows), key=merit)
 
 
 def describe(result: dict, lap_limit_s: float | None) -> str:

@@ -348,3 +348,10 @@ def test_advantages_end_at_a_crash_and_continue_after_a_timeout():
     )
     np.testing.assert_allclose(advantages_with(1, "done")[1], reward - 2, rtol=1e-5)
     np.testing.assert_allclose(advantages_with(1, "timeout")[1], reward + 2 * discount - 2, rtol=1e-5)
+
+
+def test_of_equal_trials_the_last_is_the_best_as_its_policy_is_exported():
+    trials = [{"difficulty": 1.0, "finish_rate": 1.0, "median_lap_s": 5.64, "passages": 22.0, "races": 512}] * 2
+    rows = [trial | {"interactions": number} for number, trial in enumerate(trials)]
+    assert training.best_of(rows)["interactions"] == 1
+    assert training.best_of([*rows, rows[0] | {"median_lap_s": 5.65, "interactions": 2}])["interactions"] == 1
