@@ -270,7 +270,8 @@ def rotor_speed_for_thrust(thrust, mass: float, thrust_coefficient: float, rotor
         (...) rad/s of each rotor.
     """
     xp = array_namespace(thrust)
-    return xp.sqrt(xp.clip(thrust, 0.0, None) * (mass / (rotors * thrust_coefficient)))
+    # Not zero: the slope of the root is infinite there, and a training descends on it.
+    return xp.sqrt(xp.clip(thrust, 1e-12, None) * (mass / (rotors * thrust_coefficient)))
 
 
 def motor_command_for_speed(speed, voltage, coefficients):

@@ -20,7 +20,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.benchmarks import physics_speed
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.parallel import WHOLE, compile_for_devices, devices_for
-from swift_sim_bridge.pilot import algorithm, compiled, export, job, trial
+from swift_sim_bridge.pilot import compiled, export, job, learner, ppo, trial
 from swift_sim_bridge.pilot.episodes import environment, randomization
 from swift_sim_bridge.pilot.episodes.world import World, make_world
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings, schedule_at
@@ -50,7 +50,7 @@ class Bench(NamedTuple):
     world: World
     settings: PolicySettings
     plan: Plan
-    training: algorithm.Training
+    training: learner.Training
 
 
 def measure_call(function: Callable, *arguments, rounds: int = ROUNDS) -> Cost:
@@ -78,10 +78,10 @@ def begin(folder: Path, vehicle: Vehicle) -> Bench:
     settings = job.read_settings(folder)
     track, camera = configuration.load(Track, folder / "track.yaml"), configuration.load(Camera, folder / "camera.yaml")
     world = make_world(track, vehicle, camera, settings.environment, settings.estimate_errors)
-    training = jax.jit(partial(algorithm.begin, world, settings))(SEED)
+    training = jax.jit(partial(learner.begin, world, settings))(SEED)
     actor = export.read_actor(folder / "models" / "pilot.onnx", training.networks["actor"])
     plan = Plan(settings.interactions, first_share=1.0)
-    return Bench(world, settings, plan, algorithm.start_from(training, training.networks | {"actor": actor}))
+    return Bench(world, settings, plan, learner.start_from(training, training.networks | {"actor": actor}))
 
 
 def measure(folder: Path, progress=print) -> dict[str, Any]:
@@ -166,7 +166,7 @@ def _steps(bench: Bench, training):
 
 def _roll_out(bench: Bench, training):
     schedule = schedule_at(bench.settings, bench.plan, training.updates)
-    return algorithm.roll_out(bench.world, bench.settings, training, schedule, training.key)
+    return ppo.roll_out(bench.world, bench.settings, training, schedule, training.key)
 
 
 def table(measured: dict[str, Any]) -> list[tuple[str, ...]]:

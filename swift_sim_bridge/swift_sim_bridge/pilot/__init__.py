@@ -3,7 +3,8 @@
 episodes        start, step, rules and reward of n races
 networks        actor and critic
 settings        settings of the training and their schedules
-algorithm       proximal policy optimisation
+learner         what changes during a training, its first state, the optimizer
+ppo             proximal policy optimisation
 backpropagation descent on the exact gradient of whole races
 compiled        updates of either on all devices
 trial           whole races with the deterministic policy

@@ -3,7 +3,7 @@
 The simulated race is a differentiable function of the policy's weights. Its exact gradient needs no exploration and no
 critic: 25 updates of 24 races make a trained pilot faster than a hundred million explored ticks do. It has no share in
 what happens at a threshold: a hull that touches a frame, a gate that is missed. The pilot must therefore fly already,
-and the reward must price the way to the frames (`rewards.risk`).
+and the reward must price the way to frames and ground (`rewards.risk`).
 
 `compiled` drives it. Analytic policy gradients: Freeman et al. 2021 (Brax).
 """
@@ -14,9 +14,9 @@ import optax
 
 from swift_sim_bridge.parallel import DEVICES
 from swift_sim_bridge.pilot import networks
-from swift_sim_bridge.pilot.algorithm import Training, make_optimizer, mean_over_devices
 from swift_sim_bridge.pilot.episodes import environment, randomization, starts
 from swift_sim_bridge.pilot.episodes.randomization import TICK
+from swift_sim_bridge.pilot.learner import Training, make_optimizer, mean_over_devices
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, schedule_at
 
 
@@ -51,8 +51,8 @@ def descend(settings: PolicySettings, training: Training, slope, learning_rate) 
 def cost(world, settings: PolicySettings, schedule: Schedule, actor, key, races: int):
     """Return (cost of `races` races from the podium, figures by name).
 
-    The cost is the negative mean reward of the races that do not end early. One that does stands still from there and
-    is left out: the gradient at its end is not defined.
+    The cost is the negative mean reward. A race goes on through what it touches, and ends where it misses a gate: what
+    it did wrong has its price until there.
     """
     start_key, key = jax.random.split(key)
     innovations = jax.random.normal(key, (settings.steps, races, randomization.ERRORS))
@@ -61,17 +61,17 @@ def cost(world, settings: PolicySettings, schedule: Schedule, actor, key, races:
     )
 
     def tick(carry, innovation):
-        agents, flies = carry
+        agents, flies, whole = carry
         observation, _ = environment.observations(world, agents)
         action = jnp.clip(networks.apply(actor, observation), -1.0, 1.0)
         moved, outcome = environment.step(world, agents, action, innovation, schedule.rewards, schedule.guide_reach_m)
-        happened = jnp.stack([outcome.reward, outcome.passed, outcome.crashed, outcome.missed]) * flies
-        return (starts.choose(flies, moved, agents), flies & ~outcome.done), (happened, flies)
+        crashed, ended = whole & outcome.crashed, outcome.missed | (outcome.done & ~outcome.crashed)
+        happened = jnp.stack([outcome.reward, outcome.passed, crashed, outcome.missed]) * flies
+        return (starts.choose(flies, moved, agents), flies & ~ended, whole & ~crashed), (happened, flies)
 
     # Checkpointed: what is kept of a tick is its state, from which the way back computes the rest again.
-    carry = (agents, jnp.ones(races, bool))
-    (_, whole), (happened, flew) = jax.lax.scan(jax.checkpoint(tick), carry, innovations)
-    rewards = jnp.sum(jnp.where(whole, happened[:, 0], 0.0)) / jnp.maximum(jnp.sum(whole), 1)
-    names = ("reward", "passages", "crashes", "misses")
+    carry = (agents, jnp.ones(races, bool), jnp.ones(races, bool))
+    _, (happened, flew) = jax.lax.scan(jax.checkpoint(tick), carry, innovations)
+    sums, names = jnp.sum(happened, axis=(0, 2)), ("reward", "passages", "crashes", "misses")
     flown_s = TICK * jnp.sum(flew)
-    return -rewards, {f"{name}_per_s": jnp.sum(happened[:, i]) / flown_s for i, name in enumerate(names)}
+    return -sums[0] / races, {f"{name}_per_s": total / flown_s for name, total in zip(names, sums, strict=True)}

@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 
 from swift_sim_bridge.parallel import SPLIT, WHOLE, compile_for_devices, devices_for
-from swift_sim_bridge.pilot import algorithm, backpropagation
+from swift_sim_bridge.pilot import backpropagation, ppo
+from swift_sim_bridge.pilot.learner import Training
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings
 
-UPDATES = {"ppo": algorithm.update, "backpropagation": backpropagation.update}
+UPDATES = {"ppo": ppo.update, "backpropagation": backpropagation.update}
 
 
 def compile_updates(world, settings: PolicySettings, plan: Plan, count: int):
@@ -24,7 +25,7 @@ def compile_updates(world, settings: PolicySettings, plan: Plan, count: int):
     return compile_for_devices(improve, devices, (placement(),), (placement(), WHOLE))
 
 
-def placement() -> algorithm.Training:
+def placement() -> Training:
     """Return which parts of a training are split over the devices: the agents."""
-    parts: Any = dict.fromkeys(algorithm.Training._fields, WHOLE) | {"agents": SPLIT}
-    return algorithm.Training(**parts)
+    parts: Any = dict.fromkeys(Training._fields, WHOLE) | {"agents": SPLIT}
+    return Training(**parts)

@@ -21,9 +21,9 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.model_files import checkpoint, provenance, sittings
 from swift_sim_bridge.model_files.sittings import Sitting
 from swift_sim_bridge.pilot import export, networks, trial
-from swift_sim_bridge.pilot.algorithm import CRITIC_SIZE, Training, begin, start_from
 from swift_sim_bridge.pilot.episodes.time_optimal import read_guide
 from swift_sim_bridge.pilot.episodes.world import World, make_world
+from swift_sim_bridge.pilot.learner import CRITIC_SIZE, Training, begin, start_from
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings
 from swift_sim_bridge.simulation.checks import refuse_impossible
 

@@ -13,10 +13,10 @@ from swift_ros.race import limit
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.pilot import export, networks, trial
-from swift_sim_bridge.pilot.algorithm import CRITIC_SIZE, OBSERVATION_SIZE
 from swift_sim_bridge.pilot.episodes.randomization import Disturbance
 from swift_sim_bridge.pilot.episodes.world import make_world
 from swift_sim_bridge.pilot.job import read_settings
+from swift_sim_bridge.pilot.learner import CRITIC_SIZE, OBSERVATION_SIZE
 
 IDEAL = "true state, no delays, the vehicle of the file"  # what the line itself is worth
 DISTURBANCES = {

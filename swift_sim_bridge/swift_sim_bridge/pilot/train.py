@@ -16,9 +16,9 @@ import numpy as np
 from swift_sim_bridge.model_files import checkpoint, training_log
 from swift_sim_bridge.parallel import InBackground
 from swift_sim_bridge.pilot import picture, trial
-from swift_sim_bridge.pilot.algorithm import Training
 from swift_sim_bridge.pilot.compiled import compile_updates
 from swift_sim_bridge.pilot.job import CHECKPOINT, TrainingJob, TrainingOptions, first_state, prepare
+from swift_sim_bridge.pilot.learner import Training
 from swift_sim_bridge.pilot.settings import PolicySettings, schedule_at
 
 LOG, PICTURE = "progress.jsonl", "progress.png"
@@ -41,7 +41,8 @@ def train(job: TrainingJob, training: Training) -> dict:
     settings, first = job.settings, trained_interactions(job.settings, training)
     resumed = (job.out / CHECKPOINT).exists()  # without a checkpoint the log is of nothing that goes on
     rows = training_log.rows_until(job.out / LOG, "interactions", first if resumed else -1)
-    rows = [{"races": settings.trial_races} | row for row in rows]  # a log of an earlier version does not say it
+    for row in rows:  # a log of an earlier version does not say these
+        row |= {"races": settings.trial_races, "mean_lap_s": row["median_lap_s"]} | row
     compiled = functools.cache(functools.partial(compile_updates, job.world, settings, job.plan))
     draw = InBackground(picture.draw)  # takes a second, in which the next updates begin
     if not rows and job.starts_from_another:
@@ -97,11 +98,12 @@ def _print_progress(job: TrainingJob, rows: list[dict], speed: float) -> None:
     """Print a line on the last trial, the remaining time and the best trial so far."""
     last, best = rows[-1], best_of(rows)
     remaining_min = max(job.end - last["interactions"], 0) / speed / 60
+    lost = f"  updates lost {100 * last['lost_updates']:.0f} %" if last.get("lost_updates") else ""
     print(
         f"{last['interactions'] / 1e6:.1f} of {job.end / 1e6:.1f} M  {speed:.0f} interactions/s  "
         f"{remaining_min:.0f} min left  {describe(last, job.lap_limit_s)}  crashes {last['crashes_per_s']:.2f} /s  "
         f"difficulty {last['difficulty']:.2f}  best: {100 * best['finish_rate']:.0f} % in {best['median_lap_s']:.2f} s "
-        f"at {best['interactions'] / 1e6:.1f} M",
+        f"at {best['interactions'] / 1e6:.1f} M{lost}",
         flush=True,
     )
 

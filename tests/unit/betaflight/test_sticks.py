@@ -1,5 +1,6 @@
 """Sticks: from rates to sticks and back; from thrust to throttle through the motor map and back."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -132,6 +133,14 @@ def test_full_throttle_at_the_reference_voltage_gives_the_maximum_thrust(racer):
     thrust = np.array([0.0, racer.max_thrust / racer.mass])
     throttle = sticks.throttle_for_thrust(thrust, racer.battery.reference_voltage, racer, 0.055)
     np.testing.assert_allclose(throttle, [0.0, 1.0], atol=1e-3)
+
+
+def test_the_slope_of_the_throttle_is_finite_where_the_thrust_is_cut(racer):
+    def collective(thrust):
+        return jnp.sum(sticks.throttle_for_thrust(thrust, jnp.float32(16.0), racer, 0.055))
+
+    slope = jax.grad(collective)(jnp.array([-1.0, 0.0, 20.0], jnp.float32))
+    assert slope[0] == 0.0 and slope[1] == 0.0 and 0.0 < slope[2] < 0.1
 
 
 def test_a_linear_and_a_decreasing_motor_map_are_inverted_too():

@@ -11,7 +11,7 @@ from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.track import Track
 from swift_sim_bridge.benchmarks.training_speed import vehicles
-from swift_sim_bridge.pilot import algorithm, backpropagation, export, job
+from swift_sim_bridge.pilot import backpropagation, export, job, learner
 from swift_sim_bridge.pilot.episodes.world import make_world
 from swift_sim_bridge.pilot.settings import Plan, schedule_at
 
@@ -39,9 +39,9 @@ def world():
 @pytest.fixture(scope="module")
 def shipped(world):
     """Return the training before its first update, with the shipped pilot."""
-    training = jax.jit(lambda: algorithm.begin(world, SETTINGS, 0))()
+    training = jax.jit(lambda: learner.begin(world, SETTINGS, 0))()
     actor = export.read_actor(FOLDER / "models" / "pilot.onnx", training.networks["actor"])
-    return algorithm.start_from(training, training.networks | {"actor": actor})
+    return learner.start_from(training, training.networks | {"actor": actor})
 
 
 @pytest.fixture(scope="module")

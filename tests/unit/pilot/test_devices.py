@@ -12,7 +12,7 @@ import pytest
 from swift_ros import configuration
 from swift_ros.policy.observation import SIZE
 from swift_sim_bridge.parallel import SPLIT, WHOLE, InBackground, compile_for_devices, devices_for
-from swift_sim_bridge.pilot import algorithm, job, networks
+from swift_sim_bridge.pilot import job, learner, networks, ppo
 
 SETTINGS = job.read_settings(configuration.configuration_folder())
 
@@ -24,17 +24,17 @@ def test_as_many_devices_are_used_as_divide_the_arrays_evenly():
 
 def test_two_devices_learn_from_their_halves_what_one_learns_from_all_rows():
     keys = jax.random.split(jax.random.PRNGKey(0), 6)
-    given = networks.make_actor_and_critic(keys[0], SIZE, algorithm.CRITIC_SIZE)
-    shapes = ((512, algorithm.CRITIC_SIZE), (512, 4), (512, 4), (512,), (512,))
-    rows = algorithm.Rows(*(jax.random.normal(key, shape) for key, shape in zip(keys[1:], shapes, strict=True)))
+    given = networks.make_actor_and_critic(keys[0], SIZE, learner.CRITIC_SIZE)
+    shapes = ((512, learner.CRITIC_SIZE), (512, 4), (512, 4), (512,), (512,))
+    rows = ppo.Rows(*(jax.random.normal(key, shape) for key, shape in zip(keys[1:], shapes, strict=True)))
     settings = replace(SETTINGS, agents=32, steps=16, minibatch=512, epochs=2)
-    state = algorithm.make_optimizer(settings).init(given)
+    state = learner.make_optimizer(settings).init(given)
     nothing: Any = None  # the rest is not read
-    training = algorithm.Training(given, state, *[nothing] * 5)
+    training = learner.Training(given, state, *[nothing] * 5)
     rates = {"actor": 1e-2, "critic": 1e-2}
 
     def learn(rows):
-        return algorithm.descend(settings, training, rows, 0.5, rates, jax.random.PRNGKey(1))
+        return ppo.descend(settings, training, rows, 0.5, rates, jax.random.PRNGKey(1))
 
     (one, _, divergence), (two, _, same) = (compile_for_devices(learn, n, (SPLIT,), WHOLE)(rows) for n in (1, 2))
     assert float(divergence) > 0.01 and abs(float(divergence) - float(same)) < 1e-4

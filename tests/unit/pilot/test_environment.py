@@ -26,8 +26,8 @@ WORLD = worlds.make_world(
 BANK = jax.jit(lambda: starts.first_bank(WORLD))()
 PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, environment.Conditions(jnp.float32(0.0))))
 EMPTY_MOMENT = rewards.Moment(
-    *(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0, 0, 0, 0))
-)
+    *(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0, 0, 0, 0, 0, 0))
+)._replace(crashed=jnp.array([False]), passed=jnp.array([False]), missed=jnp.array([False]))
 
 
 def verdict_at(offset, gate=0, next_gate=0, backwards=False, attitude=(0.0, 0.0, 0.0, 1.0)):
@@ -119,6 +119,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         crashed=jnp.array([True]),
         passed=jnp.array([True]),
         margin=jnp.array([0.1]),
+        height=jnp.array([0.06]),
         off_guide=jnp.array([0.7]),
         guide_time=jnp.array([0.012]),
         thrust_cosine=jnp.array([0.25]),
@@ -131,7 +132,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         "crash": -1.0,
         "passage": 1.0,
         "margin": -0.3,
-        "risk": -np.exp(-5.0),
+        "risk": -np.exp(-5.0) - np.exp(-3.0),
         "guide": -0.7,
         "pace": 0.012,
         "thrust_direction": -0.75,
@@ -141,6 +142,17 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
     for name, value in expected.items():
         assert float(rewards.TERMS[name](moment)[0]) == pytest.approx(value, abs=1e-6), name
     assert float(rewards.total(moment, {"progress": 2.0, "crash": 5.0})[0]) == pytest.approx(0.4 - 5.0)
+
+
+def test_the_risk_has_the_same_slope_on_both_sides_of_a_frame_and_of_the_ground():
+    def cost(**moment):
+        far = EMPTY_MOMENT._replace(missed=jnp.array([True]), margin=jnp.array([9.0]), height=jnp.array([9.0]))
+        return float(rewards.risk(far._replace(**{name: jnp.array([way]) for name, way in moment.items()}))[0])
+
+    for name in ("margin", "height"):
+        inside, at, outside = (cost(**{name: way}) for way in (0.001, 0.0, -0.001))
+        assert at == pytest.approx(-1.0)
+        assert at - outside == pytest.approx(0.05, rel=1e-3) and inside - at == pytest.approx(0.05, rel=0.03)
 
 
 def test_the_distance_is_measured_to_the_opening_not_to_its_centre():

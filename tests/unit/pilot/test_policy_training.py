@@ -19,7 +19,7 @@ from swift_ros.policy.observation import SIZE
 from swift_ros.track import Track
 from swift_sim_bridge.commands import train as command
 from swift_sim_bridge.model_files import checkpoint, provenance, sittings
-from swift_sim_bridge.pilot import algorithm, export, job, networks, picture, trial
+from swift_sim_bridge.pilot import export, job, learner, networks, picture, ppo, trial
 from swift_sim_bridge.pilot import train as training
 from swift_sim_bridge.pilot.episodes import environment
 from swift_sim_bridge.pilot.settings import Plan, schedule_at
@@ -234,7 +234,7 @@ def same(first, second) -> bool:
 
 
 def test_a_training_begins_with_the_checkpoint_of_another_on_another_track(tiny_configuration, tmp_path):
-    given = networks.make_actor_and_critic(jax.random.PRNGKey(7), SIZE, algorithm.CRITIC_SIZE)
+    given = networks.make_actor_and_critic(jax.random.PRNGKey(7), SIZE, learner.CRITIC_SIZE)
     origin = provenance.Origin("command", "hash", 0, {}, [])
     export.write_pilot(tmp_path, given, {}, origin=origin)
     moved = other(tmp_path, "track.yaml", lambda content: content["gates"][2]["position"].__setitem__(1, -5.0))
@@ -245,7 +245,7 @@ def test_a_training_begins_with_the_checkpoint_of_another_on_another_track(tiny_
         training = job.first_state(prepared, options)
         assert same(training.networks["actor"], given["actor"])
         assert same(training.networks["critic"], given["critic"]) == (name == "pilot.npz")
-        assert float(training.learning_rate) == pytest.approx(algorithm.MIN_LEARNING_RATE)
+        assert float(training.learning_rate) == pytest.approx(learner.MIN_LEARNING_RATE)
         assert (prepared.end, prepared.plan) == (128, Plan(128, 64, 0.75))
         assert prepared.track.positions[2, 1] == -5.0 and prepared.world.gates.positions[2, 1] == -5.0
 
@@ -322,7 +322,7 @@ def test_a_vehicle_that_its_firmware_does_not_take_is_refused(tiny_configuration
 
 
 def test_the_exported_actor_gives_the_actions_of_the_trained_one(tmp_path):
-    actor = networks.make_actor_and_critic(jax.random.PRNGKey(0), SIZE, algorithm.CRITIC_SIZE)["actor"]
+    actor = networks.make_actor_and_critic(jax.random.PRNGKey(0), SIZE, learner.CRITIC_SIZE)["actor"]
     actor[-1] = (actor[-1][0] * 300.0, actor[-1][1])  # some actions beyond the limits
     export.write_actor(tmp_path / "pilot.onnx", actor, SIZE)
     inputs = np.random.default_rng(0).normal(size=(200, SIZE)).astype(np.float32)
@@ -341,7 +341,7 @@ def test_advantages_end_at_a_crash_and_continue_after_a_timeout():
 
     def advantages_with(step, *names):
         marked = {name: flag.at[step, 0].set(True) for name, flag in flags.items() if name in names}
-        return np.asarray(algorithm.advantages(settings, outcome._replace(**marked), values, last, 0.0))[:, 0]
+        return np.asarray(ppo.advantages(settings, outcome._replace(**marked), values, last, 0.0))[:, 0]
 
     np.testing.assert_allclose(
         advantages_with(2), [reward + 2 * discount - 2] * 2 + [reward + 7 * discount - 2], rtol=1e-5
@@ -351,7 +351,7 @@ def test_advantages_end_at_a_crash_and_continue_after_a_timeout():
 
 
 def test_of_equal_trials_the_last_is_the_best_as_its_policy_is_exported():
-    trials = [{"difficulty": 1.0, "finish_rate": 1.0, "median_lap_s": 5.64, "passages": 22.0, "races": 512}] * 2
+    trials = [{"difficulty": 1.0, "finish_rate": 1.0, "mean_lap_s": 5.641, "passages": 22.0, "races": 512}] * 2
     rows = [trial | {"interactions": number} for number, trial in enumerate(trials)]
     assert training.best_of(rows)["interactions"] == 1
-    assert training.best_of([*rows, rows[0] | {"median_lap_s": 5.65, "interactions": 2}])["interactions"] == 1
+    assert training.best_of([*rows, rows[0] | {"mean_lap_s": 5.642, "interactions": 2}])["interactions"] == 1

@@ -56,7 +56,8 @@ class Verdict(NamedTuple):
         touched: the hull touched a frame.
         in_podium: the hull touches the podium or is above it and lower than its top. It may, while it takes off.
         outside: the vehicle touched the ground or left the flight volume.
-        margin: m, hull to inner edge, meaningful where passed.
+        margin: m, hull to inner edge, meaningful where passed; below 0 where missed.
+        height: m, lowest point of the hull above the ground.
     """
 
     passed: jnp.ndarray
@@ -65,6 +66,7 @@ class Verdict(NamedTuple):
     in_podium: jnp.ndarray
     outside: jnp.ndarray
     margin: jnp.ndarray
+    height: jnp.ndarray
 
 
 def make_gates(track: Track, vehicle: Vehicle) -> Gates:
@@ -132,4 +134,5 @@ def judge(gates: Gates, next_gate, p_before, state, missed_window_m: float) -> V
     in_podium = rules.above_podium(gates.start, state.p_world, gates.hull_radius)
     in_podium &= low[..., 2] < gates.start[2] - 0.5 * gates.hull_height
     touched = jnp.any(grazed | scraped, axis=-1)
-    return Verdict(passed, missed, touched, in_podium, outside, jnp.sum(jnp.where(is_next, margin, 0.0), axis=-1))
+    margin, height = jnp.sum(jnp.where(is_next, margin, 0.0), axis=-1), low[..., 2] - gates.bounds_min[2]
+    return Verdict(passed, missed, touched, in_podium, outside, margin, height)

@@ -1,7 +1,7 @@
 """The reward as a sum of terms, each weighted by `rewards` in config/training.yaml.
 
 Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Added are a bonus for
-each gate, with which an untrained policy finds its first laps, two costs of passing close to a frame, and with a guide
+each gate, with which an untrained policy finds its first laps, two costs of coming close to a frame, and with a guide
 three more: costs of leaving its line and of another direction of the thrust, and progress in its time. Yaw is priced
 apart from the other rates.
 """
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 PERCEPTION_DECAY = -10.0  # lambda_3 of the paper, with the angle in rad
 SUFFICIENT_MARGIN_M = 0.4  # hull to inner edge; a larger one is not rewarded. In the middle of a gate it is 0.57 m
-RISK_MARGIN_M = 0.02  # nearer to the frame by so much, a touch is e times as probable; flights differ by it at a gate
+RISK_MARGIN_M = 0.02  # nearer by so much, a touch is e times as probable; flights differ by it at a gate
 
 
 class Moment(NamedTuple):
@@ -24,8 +24,9 @@ class Moment(NamedTuple):
         omega_command: (n, 3) rad/s.
         action, previous_action: (n, 4).
         crashed: the episode ended as crashed, missed or stuck.
-        passed: the next gate was passed.
-        margin: m, hull to inner edge, meaningful where passed.
+        passed, missed: the next gate was passed, or its plane crossed beside the opening.
+        margin: m, hull to inner edge, meaningful where passed; below 0 where missed.
+        height: m, lowest point of the hull above the ground.
         off_guide: m, distance from the guide beyond what is free; 0 without a guide.
         guide_time: s, time that the guide takes from the place before the tick to the one after it; 0 without a guide.
         thrust_cosine: of the angle between the thrust and that of the guide at this place; 1 without a guide.
@@ -39,7 +40,9 @@ class Moment(NamedTuple):
     previous_action: jnp.ndarray
     crashed: jnp.ndarray
     passed: jnp.ndarray
+    missed: jnp.ndarray
     margin: jnp.ndarray
+    height: jnp.ndarray
     off_guide: jnp.ndarray
     guide_time: jnp.ndarray
     thrust_cosine: jnp.ndarray
@@ -81,8 +84,17 @@ def margin(moment):
 
 
 def risk(moment):
-    """Cost of a probable touch of the frame: 1 at the frame, e times less for each `RISK_MARGIN_M` away from it."""
-    return -jnp.where(moment.passed, jnp.exp(-jnp.maximum(moment.margin, -RISK_MARGIN_M) / RISK_MARGIN_M), 0.0)
+    """Cost of a probable touch of the next gate's frame, at its plane, and of the ground, in each tick.
+
+    It is 1 at the frame and at the ground, e times less for each `RISK_MARGIN_M` away from them, and grows linearly
+    inside: a race that fails has a slope, too.
+    """
+
+    def touch(way):
+        ways = way / RISK_MARGIN_M
+        return jnp.exp(-jnp.maximum(ways, 0.0)) - jnp.minimum(ways, 0.0)
+
+    return -jnp.where(moment.passed | moment.missed, touch(moment.margin), 0.0) - touch(moment.height)
 
 
 def guide(moment):

@@ -10,42 +10,16 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import optax
 
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
 from swift_sim_bridge.parallel import DEVICES
 from swift_sim_bridge.pilot import networks
 from swift_sim_bridge.pilot.episodes import environment, randomization, starts
 from swift_sim_bridge.pilot.episodes.randomization import TICK
+from swift_sim_bridge.pilot.learner import MIN_LEARNING_RATE, Training, make_optimizer, mean_over_devices
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, largest_divisor, schedule_at
 
-CRITIC_SIZE = OBSERVATION_SIZE + environment.TRUE_OBSERVATION_SIZE
-# Lower bound of the learning rate, which falls while the updates' divergence is too large. A fine-tuning with a sigma
-# of 0.01 needs 3e-6; from the bound, the rate needs 31 updates back to 2.5e-4.
-MIN_LEARNING_RATE = 1e-6
 BLOCK = 128  # rows whose activations stay in the cache of a core: gradients of more rows at once take longer there
-
-
-class Training(NamedTuple):
-    """Everything that changes during a training.
-
-    Attributes:
-        networks: {"actor", "critic"}, see `networks`.
-        optimizer: state of Adam.
-        agents: the races.
-        bank: states to start episodes from, see `starts`.
-        key: of the random numbers.
-        updates: done so far.
-        learning_rate: of the next update.
-    """
-
-    networks: dict
-    optimizer: optax.OptState
-    agents: environment.Agents
-    bank: jnp.ndarray
-    key: jnp.ndarray
-    updates: jnp.ndarray
-    learning_rate: jnp.ndarray
 
 
 class Batch(NamedTuple):
@@ -80,31 +54,6 @@ class Rows(NamedTuple):
     noise: jnp.ndarray
     advantage: jnp.ndarray
     target: jnp.ndarray
-
-
-def make_optimizer(settings: PolicySettings):
-    """Return Adam on clipped gradients, without a learning rate: that changes from update to update."""
-    return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), optax.scale_by_adam(eps=1e-5))
-
-
-def begin(world, settings: PolicySettings, seed) -> Training:
-    """Return the training before its first update, with random networks."""
-    key, network_key, reset_key, age_key = jax.random.split(jax.random.PRNGKey(seed), 4)
-    parameters = networks.make_actor_and_critic(network_key, OBSERVATION_SIZE, CRITIC_SIZE)
-    bank = starts.first_bank(world)
-    agents = environment.reset(world, bank, reset_key, settings.agents, environment.Conditions(jnp.float32(0.0)))
-    # Random ages: otherwise all episodes would time out in the same tick.
-    longest = int(settings.environment.episode_s / TICK)
-    agents = agents._replace(age=jax.random.randint(age_key, (settings.agents,), 0, longest))
-    return Training(
-        networks=parameters,
-        optimizer=make_optimizer(settings).init(parameters),
-        agents=agents,
-        bank=bank,
-        key=key,
-        updates=jnp.int32(0),
-        learning_rate=jnp.float32(settings.learning_rate[0]),
-    )
 
 
 def roll_out(world, settings: PolicySettings, training: Training, schedule: Schedule, key):
@@ -187,14 +136,6 @@ def loss(parameters, rows: Rows, sigma, clip: float):
     return jnp.mean(0.5 * (value - rows.target) ** 2 - gain), jnp.mean(ratio - 1.0 - log_ratio)
 
 
-def start_from(training: Training, networks: dict) -> Training:
-    """Return the training before its first update, with given networks instead of random ones.
-
-    The learning rate begins at its lower bound: at the small sigma of a trained pilot, a large one undoes it.
-    """
-    return training._replace(networks=networks, learning_rate=jnp.float32(MIN_LEARNING_RATE))
-
-
 def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, learning_rates: dict, key):
     """Take `epochs` passes over shuffled minibatches; return (networks, optimizer state, divergence of the last).
 
@@ -241,11 +182,6 @@ def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, lea
     carry = (training.networks, training.optimizer)
     (parameters, state), divergence = jax.lax.scan(epoch, carry, jax.random.split(key, settings.epochs))
     return parameters, state, mean_over_devices(jnp.mean(divergence[-1]))
-
-
-def mean_over_devices(tree):
-    """Return the mean of each array over the devices."""
-    return jax.lax.pmean(tree, DEVICES)
 
 
 def update(world, settings: PolicySettings, plan: Plan, training: Training):
