@@ -49,16 +49,15 @@ def descend(settings: PolicySettings, training: Training, slope, learning_rate) 
 
 
 def cost(world, settings: PolicySettings, schedule: Schedule, actor, key, races: int):
-    """Return (cost of `races` races from the podium, figures by name).
+    """Return (cost of `races` races, figures by name). Those that do not start on the podium start along the guide.
 
     The cost is the negative mean reward. A race goes on through what it touches, and ends where it misses a gate: what
     it did wrong has its price until there.
     """
     start_key, key = jax.random.split(key)
     innovations = jax.random.normal(key, (settings.steps, races, randomization.ERRORS))
-    agents = environment.reset(
-        world, starts.first_bank(world), start_key, races, environment.Conditions(schedule.difficulty)
-    )
+    conditions = environment.Conditions(schedule.difficulty, settings.environment.podium_share)
+    agents = environment.reset(world, starts.first_bank(world), start_key, races, conditions)
 
     def tick(carry, innovation):
         agents, flies, whole = carry

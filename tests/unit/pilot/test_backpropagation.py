@@ -12,6 +12,7 @@ from swift_ros.camera.model import Camera
 from swift_ros.track import Track
 from swift_sim_bridge.benchmarks.training_speed import vehicles
 from swift_sim_bridge.pilot import backpropagation, export, job, learner
+from swift_sim_bridge.pilot.episodes.randomization import TICK
 from swift_sim_bridge.pilot.episodes.world import make_world
 from swift_sim_bridge.pilot.settings import Plan, schedule_at
 
@@ -74,6 +75,17 @@ def test_steps_against_the_gradient_make_the_same_races_faster(shipped, slope):
         assert taken["lost_updates"] == 0.0
         costs.append(cost)
     assert costs[-1] < costs[0] - 0.1  # m of progress towards the first gate in 0.6 s
+
+
+def test_a_race_goes_on_through_what_it_touches(world, shipped):
+    bounds = world.gates.bounds_min.at[2].set(world.gates.start[2] + 1.0)  # the flight volume begins above the podium
+    blocked = world._replace(gates=world.gates._replace(bounds_min=bounds))
+    settings = replace(SETTINGS, rewards={"progress": (1.0, 1.0)})
+    schedule = schedule_at(settings, PLAN, 0)
+    fly = jax.jit(lambda actor, key: backpropagation.cost(blocked, settings, schedule, actor, key, RACES))
+    cost, figures = fly(shipped.networks["actor"], jax.random.PRNGKey(1))
+    assert cost < -0.2  # m of progress towards the first gate in 0.6 s
+    assert figures["crashes_per_s"] == pytest.approx(1.0 / (TICKS * TICK))
 
 
 def test_a_gradient_that_is_not_finite_changes_no_weight(shipped):

@@ -153,6 +153,7 @@ def test_the_risk_has_the_same_slope_on_both_sides_of_a_frame_and_of_the_ground(
         inside, at, outside = (cost(**{name: way}) for way in (0.001, 0.0, -0.001))
         assert at == pytest.approx(-1.0)
         assert at - outside == pytest.approx(0.05, rel=1e-3) and inside - at == pytest.approx(0.05, rel=0.03)
+        assert cost(**{name: -0.5}) == cost(**{name: -0.3})
 
 
 def test_the_distance_is_measured_to_the_opening_not_to_its_centre():

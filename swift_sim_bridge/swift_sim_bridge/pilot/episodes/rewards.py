@@ -13,6 +13,7 @@ import jax.numpy as jnp
 PERCEPTION_DECAY = -10.0  # lambda_3 of the paper, with the angle in rad
 SUFFICIENT_MARGIN_M = 0.4  # hull to inner edge; a larger one is not rewarded. In the middle of a gate it is 0.57 m
 RISK_MARGIN_M = 0.02  # nearer by so much, a touch is e times as probable; flights differ by it at a gate
+RISK_DEEPEST = 10.0  # of these: a fall through the ground would outweigh all other races
 
 
 class Moment(NamedTuple):
@@ -87,12 +88,12 @@ def risk(moment):
     """Cost of a probable touch of the next gate's frame, at its plane, and of the ground, in each tick.
 
     It is 1 at the frame and at the ground, e times less for each `RISK_MARGIN_M` away from them, and grows linearly
-    inside: a race that fails has a slope, too.
+    inside, up to `RISK_DEEPEST` of them: a race that fails has a slope, too.
     """
 
     def touch(way):
         ways = way / RISK_MARGIN_M
-        return jnp.exp(-jnp.maximum(ways, 0.0)) - jnp.minimum(ways, 0.0)
+        return jnp.exp(-jnp.maximum(ways, 0.0)) - jnp.clip(ways, -RISK_DEEPEST, 0.0)
 
     return -jnp.where(moment.passed | moment.missed, touch(moment.margin), 0.0) - touch(moment.height)
 
