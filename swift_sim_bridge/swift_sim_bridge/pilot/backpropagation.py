@@ -60,13 +60,13 @@ def cost(world, settings: PolicySettings, schedule: Schedule, actor, key, races:
     agents = environment.reset(world, starts.first_bank(world), start_key, races, conditions)
 
     def tick(carry, innovation):
-        agents, flies, whole = carry
+        agents, flies, untouched = carry
         observation, _ = environment.observations(world, agents)
         action = jnp.clip(networks.apply(actor, observation), -1.0, 1.0)
         moved, outcome = environment.step(world, agents, action, innovation, schedule.rewards, schedule.guide_reach_m)
-        crashed, ended = whole & outcome.crashed, outcome.missed | (outcome.done & ~outcome.crashed)
+        crashed, ended = untouched & outcome.crashed, outcome.missed | (outcome.done & ~outcome.crashed)
         happened = jnp.stack([outcome.reward, outcome.passed, crashed, outcome.missed]) * flies
-        return (starts.choose(flies, moved, agents), flies & ~ended, whole & ~crashed), (happened, flies)
+        return (starts.choose(flies, moved, agents), flies & ~ended, untouched & ~crashed), (happened, flies)
 
     # Checkpointed: what is kept of a tick is its state, from which the way back computes the rest again.
     carry = (agents, jnp.ones(races, bool), jnp.ones(races, bool))

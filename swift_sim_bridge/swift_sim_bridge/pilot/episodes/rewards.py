@@ -13,7 +13,7 @@ import jax.numpy as jnp
 PERCEPTION_DECAY = -10.0  # lambda_3 of the paper, with the angle in rad
 SUFFICIENT_MARGIN_M = 0.4  # hull to inner edge; a larger one is not rewarded. In the middle of a gate it is 0.57 m
 RISK_MARGIN_M = 0.02  # nearer by so much, a touch is e times as probable; flights differ by it at a gate
-RISK_DEEPEST = 10.0  # of these: a fall through the ground would outweigh all other races
+RISK_DEEPEST = 10.0  # times RISK_MARGIN_M inside; beyond, a fall through the ground would outweigh all other races
 
 
 class Moment(NamedTuple):
@@ -88,7 +88,7 @@ def risk(moment):
     """Cost of a probable touch of the next gate's frame, at its plane, and of the ground, in each tick.
 
     It is 1 at the frame and at the ground, e times less for each `RISK_MARGIN_M` away from them, and grows linearly
-    inside, up to `RISK_DEEPEST` of them: a race that fails has a slope, too.
+    inside, down to `RISK_DEEPEST` times that: a race that fails has a slope, too.
     """
 
     def touch(way):
