@@ -35,8 +35,8 @@ def _add_policy_arguments(parser) -> None:
     parser.add_argument("--start-from", metavar="FILE|shipped", help=text)
     text = "a folder of `swiftros limit`: episodes start along its time-optimal lap, and leaving it costs"
     parser.add_argument("--guide", type=Path, metavar="DIR", help=text)
-    text = "another training.yaml, such as those of config/trainings"
-    parser.add_argument("--settings", type=Path, metavar="FILE", help=text)
+    text = "files in place of training.yaml, such as those of config/trainings: one training with each, in a row"
+    parser.add_argument("--settings", type=Path, nargs="+", metavar="FILE", help=text)
 
 
 def _add_detector_arguments(parser) -> None:
@@ -69,6 +69,7 @@ def run_policy(arguments) -> int:
     from swift_ros.configuration import configuration_folder
     from swift_sim_bridge.parallel import use_all_cores
     from swift_sim_bridge.pilot.job import TrainingOptions  # JAX takes seconds to import
+    from swift_sim_bridge.pilot.stages import train_in_stages
     from swift_sim_bridge.pilot.train import train_policy
 
     use_all_cores()
@@ -83,9 +84,11 @@ def run_policy(arguments) -> int:
         interactions=arguments.interactions,
         start_from=arguments.start_from,
         guide=arguments.guide,
-        settings=arguments.settings,
     )
-    train_policy(options)
+    if arguments.settings:
+        train_in_stages(options, arguments.settings)
+    else:
+        train_policy(options)
     return 0
 
 

@@ -19,7 +19,7 @@ from swift_ros.policy.observation import SIZE
 from swift_ros.track import Track
 from swift_sim_bridge.commands import train as command
 from swift_sim_bridge.model_files import checkpoint, provenance, sittings
-from swift_sim_bridge.pilot import export, job, learner, networks, picture, ppo, trial
+from swift_sim_bridge.pilot import export, job, learner, networks, picture, ppo, stages, trial
 from swift_sim_bridge.pilot import train as training
 from swift_sim_bridge.pilot.episodes import environment
 from swift_sim_bridge.pilot.settings import Plan, schedule_at
@@ -95,6 +95,52 @@ def test_an_interrupted_training_resumes_bit_by_bit(tiny_configuration, tmp_path
     assert [(one["begin"], one["end"]) for one in record["sittings"]] == [(0, 256), (128, 256)]
     with pytest.raises(UsageError, match="has 256 interactions already; give more with --interactions"):
         train(tiny_configuration, tmp_path / "halves")
+
+
+def test_trainings_in_a_row_begin_with_the_pilot_before_and_go_on_where_they_stopped(
+    tiny_configuration, tmp_path, capsys, monkeypatch
+):
+    out, files = tmp_path / "row", [tmp_path / f"{name}.yaml" for name in ("first", "second")]
+    for file in files:
+        file.write_text((tiny_configuration / "training.yaml").read_text())
+    chosen = ("--settings", *map(str, files))
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(stages, "train_policy", lambda stage: stop_in_the_second(stage, training.train_policy))
+        train(tiny_configuration, out, *chosen)
+    first = (out / "first" / "pilot.npz").read_bytes()
+    assert train(tiny_configuration, out, *chosen) == 0
+    assert "training 1 of 2" in (printed := capsys.readouterr().out) and "first.yaml, is done" in printed
+    assert (out / "first" / "pilot.npz").read_bytes() == first
+    begun_with = [json.loads((out / name / "pilot.json").read_text())["started_from"] for name in ("first", ".")]
+    assert begun_with == [{}, {"pilot.npz": provenance.file_hash(out / "first" / "pilot.npz")}]
+    assert [one["interactions"] for one in log_of(out / "first")] == [64, 128, 192, 256]
+    assert log_of(out)[-1]["interactions"] == 128  # as long as `fine_tuning` says
+
+
+def stop_in_the_second(stage, train_policy):
+    if stage.out.name != "first":
+        raise KeyboardInterrupt
+    train_policy(stage)
+
+
+@pytest.mark.parametrize(
+    ("files", "options", "said"),
+    [
+        (("a.yaml", "b.yaml"), ("--interactions", "64"), "--interactions is the length of one training"),
+        (("a.yaml", "other/a.yaml"), (), "two files of the same name"),
+        (("a.yaml", "none.yaml"), (), "none.yaml"),
+    ],
+)
+def test_trainings_in_a_row_that_cannot_be_are_refused_before_the_first(
+    tiny_configuration, tmp_path, files, options, said
+):
+    (tmp_path / "other").mkdir()
+    for file in {"a.yaml", "b.yaml", "other/a.yaml"}:
+        (tmp_path / file).write_text((tiny_configuration / "training.yaml").read_text())
+    out, chosen = tmp_path / "row", [str(tmp_path / file) for file in files]
+    with pytest.raises(UsageError, match=said):
+        train(tiny_configuration, out, "--settings", *chosen, *options)
+    assert not out.exists()
 
 
 def rewrite(folder, section, **values):
