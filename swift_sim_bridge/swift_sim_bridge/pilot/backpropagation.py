@@ -19,6 +19,10 @@ from swift_sim_bridge.pilot.episodes.randomization import TICK
 from swift_sim_bridge.pilot.learner import Training, make_optimizer, mean_over_devices
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, schedule_at
 
+# Updates in which the learning rate rises to its schedule. Adam's first steps are as large as the rate in every weight,
+# several times a later one: without this, a rate that later is good ended one of two trainings in its first updates.
+WARM_UP = 20
+
 
 def update(world, settings: PolicySettings, plan: Plan, training: Training) -> tuple[Training, dict]:
     """Return (training after one update, its figures by name)."""
@@ -27,7 +31,8 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training) -> t
     schedule = schedule_at(settings, plan, training.updates)
     races, actor = training.agents.age.shape[0], training.networks["actor"]
     slope, figures = jax.grad(cost, argnums=3, has_aux=True)(world, settings, schedule, actor, race_key, races)
-    descended, of_descent = descend(settings, training, mean_over_devices(slope), schedule.learning_rate_cap)
+    learning_rate = schedule.learning_rate_cap * jnp.minimum(1.0, (training.updates + 1.0) / WARM_UP)
+    descended, of_descent = descend(settings, training, mean_over_devices(slope), learning_rate)
     figures = mean_over_devices(figures) | of_descent | {"difficulty": schedule.difficulty}
     return descended._replace(key=key, updates=training.updates + 1), figures
 
