@@ -1,5 +1,6 @@
 """Train the pilot's policy or the gate detector; the same command resumes an interrupted training or prolongs it."""
 
+import dataclasses
 import os
 from argparse import ArgumentTypeError
 from pathlib import Path
@@ -35,8 +36,8 @@ def _add_policy_arguments(parser) -> None:
     parser.add_argument("--start-from", metavar="FILE|shipped", help=text)
     text = "a folder of `swiftros limit`: episodes start along its time-optimal lap, and leaving it costs"
     parser.add_argument("--guide", type=Path, metavar="DIR", help=text)
-    text = "files in place of training.yaml, such as those of config/trainings: one training with each, in a row"
-    parser.add_argument("--settings", type=Path, nargs="+", metavar="FILE", help=text)
+    text = "another training.yaml, such as those of config/trainings; a folder: one training with each of its files"
+    parser.add_argument("--settings", type=Path, metavar="FILE|DIR", help=text)
 
 
 def _add_detector_arguments(parser) -> None:
@@ -85,10 +86,10 @@ def run_policy(arguments) -> int:
         start_from=arguments.start_from,
         guide=arguments.guide,
     )
-    if arguments.settings:
+    if arguments.settings and arguments.settings.is_dir():
         train_in_stages(options, arguments.settings)
     else:
-        train_policy(options)
+        train_policy(dataclasses.replace(options, settings=arguments.settings))
     return 0
 
 

@@ -13,37 +13,37 @@ from swift_sim_bridge.pilot.job import CHECKPOINT, TrainingOptions, read_setting
 from swift_sim_bridge.pilot.train import train_policy
 
 
-def train_in_stages(options: TrainingOptions, settings: list[Path]) -> None:
+def train_in_stages(options: TrainingOptions, folder: Path) -> None:
     """Train once with each of the settings; go on with the first training that is not done.
 
     Args:
-        options: of all trainings, but for their settings; the first one's pilot to begin with.
-        settings: files, one for each training.
+        options: of all trainings, but for their settings; `start_from` is of the first.
+        folder: files of settings, one for each training, in the order of their names.
 
     Raises:
-        UsageError: bad input; the last training is done.
+        UsageError: bad input, or the last training is done.
     """
-    stages = list(stages_of(options, settings))
+    stages = list(stages_of(options, folder))
     for i, stage in enumerate(stages, start=1):
         if i < len(stages) and _is_done(stage.out / CHECKPOINT):
             print(f"training {i} of {len(stages)}, {stage.settings}, is done", flush=True)
-            continue
-        if len(stages) > 1:
+        else:
             print(f"training {i} of {len(stages)}: {stage.settings}", flush=True)
-        train_policy(stage)
+            train_policy(stage)
 
 
-def stages_of(options: TrainingOptions, settings: list[Path]) -> Iterator[TrainingOptions]:
+def stages_of(options: TrainingOptions, folder: Path) -> Iterator[TrainingOptions]:
     """Yield the options of each training. Raises UsageError for options and settings that do not fit."""
-    if len(settings) > 1 and options.interactions:
-        raise UsageError("--interactions is the length of one training; --settings names several, which have their own")
-    if len({file.stem for file in settings}) < len(settings):
-        raise UsageError("--settings names two files of the same name; each training needs a folder of its own name")
-    for file in settings:  # a bad one is said now, and not after the trainings before it
+    files = sorted(folder.glob("*.yaml"))
+    if not files:
+        raise UsageError(f"--settings names the folder {folder}, which has no .yaml file")
+    if options.interactions:
+        raise UsageError("--interactions is the length of one training; those of a folder --settings have their own")
+    for file in files:  # a bad one is refused now, and not after the trainings before it
         read_settings(options.folder, file)
     begin_with = options.start_from
-    for file in settings:
-        out = options.out if file is settings[-1] else options.out / file.stem
+    for file in files:
+        out = options.out if file is files[-1] else options.out / file.stem
         yield replace(options, out=out, start_from=begin_with, settings=file)
         begin_with = str(out / "pilot.npz")
 

@@ -100,25 +100,25 @@ def test_an_interrupted_training_resumes_bit_by_bit(tiny_configuration, tmp_path
 def test_trainings_in_a_row_begin_with_the_pilot_before_and_go_on_where_they_stopped(
     tiny_configuration, tmp_path, capsys, monkeypatch
 ):
-    out, files = tmp_path / "row", [tmp_path / f"{name}.yaml" for name in ("first", "second")]
-    for file in files:
-        file.write_text((tiny_configuration / "training.yaml").read_text())
-    chosen = ("--settings", *map(str, files))
+    out, settings = tmp_path / "row", tmp_path / "settings"
+    settings.mkdir()
+    for name in ("1-first", "2-second"):
+        (settings / f"{name}.yaml").write_text((tiny_configuration / "training.yaml").read_text())
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         patched.setattr(stages, "train_policy", lambda stage: stop_in_the_second(stage, training.train_policy))
-        train(tiny_configuration, out, *chosen)
-    first = (out / "first" / "pilot.npz").read_bytes()
-    assert train(tiny_configuration, out, *chosen) == 0
-    assert "training 1 of 2" in (printed := capsys.readouterr().out) and "first.yaml, is done" in printed
-    assert (out / "first" / "pilot.npz").read_bytes() == first
-    begun_with = [json.loads((out / name / "pilot.json").read_text())["started_from"] for name in ("first", ".")]
-    assert begun_with == [{}, {"pilot.npz": provenance.file_hash(out / "first" / "pilot.npz")}]
-    assert [one["interactions"] for one in log_of(out / "first")] == [64, 128, 192, 256]
+        train(tiny_configuration, out, "--settings", str(settings))
+    first = (out / "1-first" / "pilot.npz").read_bytes()
+    assert train(tiny_configuration, out, "--settings", str(settings)) == 0
+    assert "training 1 of 2: " in (printed := capsys.readouterr().out) and "1-first.yaml, is done" in printed
+    assert (out / "1-first" / "pilot.npz").read_bytes() == first
+    begun_with = [json.loads((out / name / "pilot.json").read_text())["started_from"] for name in ("1-first", ".")]
+    assert begun_with == [{}, {"pilot.npz": provenance.file_hash(out / "1-first" / "pilot.npz")}]
+    assert [one["interactions"] for one in log_of(out / "1-first")] == [64, 128, 192, 256]
     assert log_of(out)[-1]["interactions"] == 128  # as long as `fine_tuning` says
 
 
 def stop_in_the_second(stage, train_policy):
-    if stage.out.name != "first":
+    if stage.out.name != "1-first":
         raise KeyboardInterrupt
     train_policy(stage)
 
@@ -126,20 +126,20 @@ def stop_in_the_second(stage, train_policy):
 @pytest.mark.parametrize(
     ("files", "options", "said"),
     [
-        (("a.yaml", "b.yaml"), ("--interactions", "64"), "--interactions is the length of one training"),
-        (("a.yaml", "other/a.yaml"), (), "two files of the same name"),
-        (("a.yaml", "none.yaml"), (), "none.yaml"),
+        ({"a.yaml": "policy: {}", "b.yaml": ""}, ("--interactions", "64"), "--interactions is the length of one"),
+        ({"notes.txt": ""}, (), "which has no .yaml file"),
+        ({"1.yaml": None, "2.yaml": "policy: {agents: many}"}, (), "2.yaml"),
     ],
 )
 def test_trainings_in_a_row_that_cannot_be_are_refused_before_the_first(
     tiny_configuration, tmp_path, files, options, said
 ):
-    (tmp_path / "other").mkdir()
-    for file in {"a.yaml", "b.yaml", "other/a.yaml"}:
-        (tmp_path / file).write_text((tiny_configuration / "training.yaml").read_text())
-    out, chosen = tmp_path / "row", [str(tmp_path / file) for file in files]
+    out, settings = tmp_path / "row", tmp_path / "settings"
+    settings.mkdir()
+    for name, content in files.items():
+        (settings / name).write_text((tiny_configuration / "training.yaml").read_text() if content is None else content)
     with pytest.raises(UsageError, match=said):
-        train(tiny_configuration, out, "--settings", *chosen, *options)
+        train(tiny_configuration, out, "--settings", str(settings), *options)
     assert not out.exists()
 
 
