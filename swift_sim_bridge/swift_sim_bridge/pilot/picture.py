@@ -1,5 +1,6 @@
 """The picture of a training of the policy: its curves, and the lines flown in the last trial over the track."""
 
+import math
 from pathlib import Path
 
 import matplotlib
@@ -21,8 +22,10 @@ CURVES = (
     Curve("trial races finished [%]", {"finish_rate": ""}, factor=100.0, limits=(-3.0, 103.0)),
     Curve("lap [s]", {"median_lap_s": "median", "best_lap_s": "best"}),
     Curve("gates passed in a trial race (mean)", {"passages": ""}, limits=(0.0, None)),
-    Curve("divergence of an update", {"kl": ""}),
-    Curve("sigma of the exploration, difficulty", {"sigma": "sigma", "difficulty": "difficulty"}, limits=(-0.03, 1.03)),
+    Curve("margin to the frames [m]", {"mean_margin_m": "mean", "min_margin_m": "least"}, limits=(0.0, None)),
+    Curve("difficulty, sigma of the exploration", {"difficulty": "difficulty", "sigma": "sigma"}, limits=(-0.03, 1.03)),
+    Curve("divergence of an update", {"kl": ""}),  # of PPO
+    Curve("norm of the gradient", {"gradient_norm": ""}, scale="log"),  # of backpropagation
     Curve("learning rate", {"learning_rate": ""}, scale="log"),
     Curve("interactions/s", {"steps_per_s": ""}, limits=(0.0, None)),
 )
@@ -39,16 +42,18 @@ def draw(path: Path, rows: list[dict], races: Trial, track: Track) -> None:
         track: of the races.
     """
     figure = Figure(figsize=(16, 9), layout="constrained")
-    grid = figure.add_gridspec(4, 4)
+    left, right = figure.add_gridspec(1, 2)
+    shown = [curve for curve in CURVES if any(key in row for key in curve.keys for row in rows)]
+    grid = left.subgridspec(math.ceil(len(shown) / 2), 2)
     millions = np.array([1e-6 * row["interactions"] for row in rows])
     axes = None
-    for number, curve in enumerate(CURVES):
+    for number, curve in enumerate(shown):
         axes = figure.add_subplot(grid[number // 2, number % 2], sharex=axes)
         draw_curve(axes, rows, millions, curve)
-        if number >= len(CURVES) - 2:
+        if number >= len(shown) - 2:
             axes.set_xlabel("million interactions", fontsize="small")
     lines, unfinished = np.asarray(races.lines, float), np.asarray(races.passage_ticks)[:, -1] < 0
-    views = [figure.add_subplot(grid[2 * row : 2 * row + 2, 2:]) for row in range(2)]
+    views = [figure.add_subplot(half) for half in right.subgridspec(2, 1)]
     colored = None
     for axes, (i, j, horizontal, vertical, title) in zip(views, PLANES, strict=True):
         colored = _draw_lines(axes, lines[..., [i, j]], lines)

@@ -26,7 +26,7 @@ class Curve(NamedTuple):
 
 
 def draw_curve(axes, rows: list[dict], x, curve: Curve) -> None:
-    """Draw quantities of a log into Matplotlib axes; a row that lacks one leaves a gap.
+    """Draw quantities of a log into Matplotlib axes. A row that lacks one leaves a gap; what all lack has no line.
 
     Args:
         axes: Matplotlib axes.
@@ -36,15 +36,18 @@ def draw_curve(axes, rows: list[dict], x, curve: Curve) -> None:
     """
     for key, label in curve.keys.items():
         values = [row.get(key) for row in rows]
+        if values.count(None) == len(values):
+            continue
         y = curve.factor * np.array([np.nan if value is None else value for value in values], float)
         axes.plot(x, y, marker=".", markersize=3, linewidth=1.2, label=label or None)
     axes.set_title(curve.title, fontsize="small", loc="left")
     axes.set_yscale(curve.scale)
     low, high = curve.limits
-    highest = max(line.get_ydata().max(initial=0.0, where=np.isfinite(line.get_ydata())) for line in axes.lines)
+    drawn = np.concatenate([[0.0], *(line.get_ydata() for line in axes.lines)])
+    highest = drawn.max(where=np.isfinite(drawn), initial=0.0)
     if low is not None:
         axes.set_ylim(low, high or HEADROOM * highest or 1.0)
     axes.tick_params(labelsize="small")
     axes.grid(alpha=0.3)
-    if any(curve.keys.values()):
+    if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize="x-small", loc="best")
