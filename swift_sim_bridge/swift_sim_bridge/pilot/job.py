@@ -142,6 +142,11 @@ def prepare(options: TrainingOptions) -> TrainingJob:
     if found := findings_with(track, vehicle):
         raise UsageError(f"{options.files[1]}: {found[0].sentence}")
     started_from = _first_hash(options)
+    if any(settings.rewards.get("pace", ())) and not options.guide:
+        raise UsageError(
+            f"reward 'pace' of {options.settings or options.folder / 'training.yaml'} is progress along the "
+            "time-optimal lap; solve it with `swiftros limit`, and give its --out as --guide"
+        )
     guide = read_guide(options.guide, track, vehicle, settings.environment.bank_fixed) if options.guide else None
     world = make_world(track, vehicle, camera, settings.environment, settings.estimate_errors, guide)
     conditions = {"seed": options.seed, "start_from": started_from} | conditions_of(settings, vehicle, track, camera)

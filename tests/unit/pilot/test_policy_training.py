@@ -311,6 +311,12 @@ def test_a_bad_beginning_is_refused_in_one_sentence(tiny_configuration, tmp_path
         train(tiny_configuration, tmp_path / "out", *options)
 
 
+def test_progress_along_a_lap_that_is_not_given_is_refused(tiny_configuration, tmp_path):
+    rewrite(tiny_configuration, "policy", rewards={"pace": [13.0, 13.0]})
+    with pytest.raises(UsageError, match="reward 'pace' of .* and give its --out as --guide"):
+        train(tiny_configuration, tmp_path / "out")
+
+
 def test_the_picture_has_the_curves_the_lines_and_the_ends_of_crashed_races(tmp_path):
     track = configuration.load(Track, FOLDER / "track.yaml")
     lines = np.full((2, 50, 3), np.nan)
