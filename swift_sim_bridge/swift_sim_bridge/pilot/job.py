@@ -142,11 +142,7 @@ def prepare(options: TrainingOptions) -> TrainingJob:
     if found := findings_with(track, vehicle):
         raise UsageError(f"{options.files[1]}: {found[0].sentence}")
     started_from = _first_hash(options)
-    if any(settings.rewards.get("pace", ())) and not options.guide:
-        raise UsageError(
-            f"reward 'pace' of {options.settings or options.folder / 'training.yaml'} is progress along the "
-            "time-optimal lap; solve it with `swiftros limit`, and give its --out as --guide"
-        )
+    require_guide(options, settings)
     guide = read_guide(options.guide, track, vehicle, settings.environment.bank_fixed) if options.guide else None
     world = make_world(track, vehicle, camera, settings.environment, settings.estimate_errors, guide)
     conditions = {"seed": options.seed, "start_from": started_from} | conditions_of(settings, vehicle, track, camera)
@@ -173,6 +169,16 @@ def prepare(options: TrainingOptions) -> TrainingJob:
         export=functools.partial(export.write_pilot, options.out, origin=origin),
         lap_limit_s=known.as_flown.whole_lap_s if known else None,
     )
+
+
+def require_guide(options: TrainingOptions, settings: PolicySettings) -> None:
+    """Refuse rewards that are nothing without a guide, where there is none. Raises UsageError."""
+    for name in ("pace", "thrust_direction"):
+        if any(settings.rewards.get(name, ())) and not options.guide:
+            raise UsageError(
+                f"reward '{name}' of {options.settings or options.folder / 'training.yaml'} compares with the "
+                "time-optimal lap; solve it with `swiftros limit`, and give its --out as --guide"
+            )
 
 
 def conditions_of(settings: PolicySettings, vehicle: Vehicle, track: Track, camera: Camera) -> dict:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.model_files import checkpoint
-from swift_sim_bridge.pilot.job import CHECKPOINT, TrainingOptions, read_settings
+from swift_sim_bridge.pilot.job import CHECKPOINT, TrainingOptions, read_settings, require_guide
 from swift_sim_bridge.pilot.train import train_policy
 
 
@@ -40,7 +40,7 @@ def stages_of(options: TrainingOptions, folder: Path) -> Iterator[TrainingOption
     if options.interactions:
         raise UsageError("--interactions is the length of one training; those of a folder --settings have their own")
     for file in files:  # a bad one is refused now, and not after the trainings before it
-        read_settings(options.folder, file)
+        require_guide(replace(options, settings=file), read_settings(options.folder, file))
     begin_with = options.start_from
     for file in files:
         out = options.out if file is files[-1] else options.out / file.stem
