@@ -21,6 +21,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.model_files import checkpoint, provenance, sittings
 from swift_sim_bridge.model_files.sittings import Sitting
 from swift_sim_bridge.pilot import export, networks, trial
+from swift_sim_bridge.pilot.episodes import rewards
 from swift_sim_bridge.pilot.episodes.time_optimal import read_guide
 from swift_sim_bridge.pilot.episodes.world import World, make_world
 from swift_sim_bridge.pilot.learner import CRITIC_SIZE, Training, begin, start_from
@@ -173,7 +174,7 @@ def prepare(options: TrainingOptions) -> TrainingJob:
 
 def require_guide(options: TrainingOptions, settings: PolicySettings) -> None:
     """Refuse rewards that are nothing without a guide, where there is none. Raises UsageError."""
-    for name in ("pace", "thrust_direction"):
+    for name in rewards.NEED_GUIDE:
         if any(settings.rewards.get(name, ())) and not options.guide:
             raise UsageError(
                 f"reward '{name}' of {options.settings or options.folder / 'training.yaml'} compares with the "

@@ -45,12 +45,16 @@ def train(job: TrainingJob, training: Training) -> dict:
         row |= {"races": settings.trial_races, "mean_lap_s": row["median_lap_s"]} | row
     compiled = functools.cache(functools.partial(compile_updates, job.world, settings, job.plan))
     draw = InBackground(picture.draw)  # takes a second, in which the next updates begin
+    compile_races = InBackground(job.race)
     if not rows and job.starts_from_another:
         draw(*_conclude(job, training, rows, {}))  # the pilot from which this training starts
+    else:
+        compile_races(*_before_a_trial(job, training))  # beside the first updates: compiling them keeps one core busy
     print(f"on {len(jax.devices())} {jax.default_backend()} devices", flush=True)
     started_s = time.monotonic()
     while (done := trained_interactions(settings, training)) < job.end:
         training, figures = jax.block_until_ready(compiled(updates_until_trial(job, done))(training))
+        compile_races.wait()
         done = trained_interactions(settings, training)
         speed = (done - first) / (time.monotonic() - started_s)
         figures = {"steps_per_s": speed} | {name: float(value) for name, value in figures.items()}
@@ -81,10 +85,8 @@ def updates_until_trial(job: TrainingJob, done: int) -> int:
 
 def _conclude(job: TrainingJob, training: Training, rows: list[dict], figures: dict) -> tuple:
     """Fly a trial, add its row to the log, and export the policy if it is the best so far; return what to draw."""
-    training = jax.device_get(training)  # the races may be split over another number of devices
-    key = jax.random.fold_in(training.key, 1)
-    difficulty = jnp.float32(schedule_at(job.settings, job.plan, training.updates).difficulty)  # no second compilation
-    races = job.race(training.networks["actor"], key, difficulty)
+    actor, key, difficulty = _before_a_trial(job, training)
+    races = job.race(actor, key, difficulty)
     result = trial.figures(races, job.gates)
     result |= {"interactions": trained_interactions(job.settings, training), "difficulty": float(difficulty)} | figures
     if not rows or merit(result) >= max(map(merit, rows)):
@@ -92,6 +94,13 @@ def _conclude(job: TrainingJob, training: Training, rows: list[dict], figures: d
     rows.append(result)
     training_log.append(job.out / LOG, result)
     return job.out / PICTURE, list(rows), races, job.track
+
+
+def _before_a_trial(job: TrainingJob, training: Training) -> tuple:
+    """Return actor, key and difficulty of a trial."""
+    training = jax.device_get(training)  # the races may be split over another number of devices
+    difficulty = jnp.float32(schedule_at(job.settings, job.plan, training.updates).difficulty)  # no second compilation
+    return training.networks["actor"], jax.random.fold_in(training.key, 1), difficulty
 
 
 def _print_progress(job: TrainingJob, rows: list[dict], speed: float) -> None:

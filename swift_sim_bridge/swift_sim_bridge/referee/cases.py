@@ -7,6 +7,7 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_channels import CHANNELS
 from swift_ros.recording.flight_table import FlightTable
+from swift_sim_bridge.referee import race
 from swift_sim_bridge.referee.concealment import (
     KNOWN,
     Hidden,
@@ -110,6 +111,7 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     rng = np.random.default_rng([seed, 101, list(FAMILIES).index(family)])
     nominal = vehicles.draw_vehicle(rng, f"racer {rng.integers(10**6):06d}")
     nominal = without_battery(nominal) if for_rotorpy else nominal
+    nominal = race.raceable(nominal) if family == "strange_race" else nominal
     known = EFFECTS_OF_ROTORPY if for_rotorpy else tuple(EFFECTS)
     chosen = [(effect, multiple)] if effect else draw_effects(family, seed, rng, known)
     names = [name for name, _ in chosen]
@@ -176,7 +178,7 @@ def _recorded_channels(family: str, lacking: str, for_rotorpy: bool) -> tuple[st
 
 def _removed(family: str, hidden) -> tuple[str, ...]:
     """Return the effects to remove from the tool's catalogue."""
-    if family == "strange":
+    if family in ("strange", "strange_race"):
         return tuple(name for one in hidden for name in RELATED.get(one.effect, ()))
     return tuple(one.effect for one in hidden) if family == "knockout" else ()
 

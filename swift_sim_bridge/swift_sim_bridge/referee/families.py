@@ -27,8 +27,9 @@ FAMILIES = {
     "pose_commands": "a cut propeller, a hung weight, a heavier battery or a weaker pack, recorded likewise",
     "far": "a file in which a motor lag, a drag or the pack's resistance is wrong by a factor of 3, 10 or 30",
     "strange_blind": "physics that no effect names, by an author who had not read the tool; each law in turn",
+    "strange_race": "the laws of both in turn, in a vehicle that races in the concealed and in the repaired world",
 }
-STRANGE_FAMILIES = ("strange", "strange_blind")
+STRANGE_FAMILIES = ("strange", "strange_blind", "strange_race")
 CONFUSABLE = (
     ("mass", "thrust_coefficient", "accel_scale"),
     ("motor_time_constant", "command_latency", "time_offset"),
@@ -73,10 +74,19 @@ def draw_effects(family: str, seed: int, rng, known) -> list[tuple[str, float]]:
         count = 3 if family == "triple" else 2
         names = [str(name) for name in rng.choice(known, count, replace=False)]
         return [(name, float(rng.choice([3.0, 6.0, 10.0]))) for name in names]
-    if family == "strange":
-        return [(str(rng.choice(list(STRANGE))), float(rng.choice([3.0, 6.0, 10.0])))]
-    if family == "strange_blind":
-        law = tuple(BLIND)[seed % len(BLIND)]
-        return [(law, BLIND[law].largest / BLIND[law].detectable)]
+    if family in STRANGE_FAMILIES:
+        return [_strange_law(family, seed, rng)]
     factor = 0.0 if family == "single" else float(rng.choice([3.0, 6.0, 10.0]))
     return [(str(rng.choice(known)), factor)]
+
+
+def _strange_law(family: str, seed: int, rng) -> tuple[str, float]:
+    """Return a law of physics without a name, and its size relative to the detectable size."""
+    if family == "strange":
+        law = str(rng.choice(list(STRANGE)))
+    else:
+        laws = tuple(BLIND) if family == "strange_blind" else (*STRANGE, *BLIND)
+        law = laws[seed % len(laws)]
+    if law in BLIND:
+        return law, BLIND[law].largest / BLIND[law].detectable
+    return law, float(rng.choice([3.0, 6.0, 10.0]))

@@ -17,7 +17,7 @@ from swift_ros.errors import UsageError
 from swift_ros.recording import flight_files
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.referee import cases, families, holdout, records, seal
+from swift_sim_bridge.referee import cases, families, holdout, race, records, seal
 from swift_sim_bridge.referee.plan import Entry, plan_as_json
 from swift_sim_bridge.referee.records import CASES, LOG, PLAN, REPORT, RESOLVED
 from swift_sim_bridge.referee.scoring import score
@@ -28,6 +28,7 @@ ANSWERS = "answers"
 GROUP = 4  # cases of our own simulator that are flown in one call, each with a held-out flight
 RECORDING, VEHICLE = "flight.csv", "vehicle.yaml"
 MANOEUVRE = "manoeuvre.csv"  # recording of the proposed manoeuvre
+RACED = ("file", "repaired", "concealed")  # worlds in which a race is flown: of the file, its repair, and the true one
 
 
 class ToolAnswer(NamedTuple):
@@ -180,6 +181,9 @@ def _evaluate(flown: FlownCase, out: Path, tool: Tool, keep: bool) -> dict:
     if (result["exact"] or flown.entry.family in families.STRANGE_FAMILIES) and found.repaired:
         true_content = flown.case.order.content
         result["removed"] = holdout.removed_share(flown.held_out(), flown.case.vehicle, found.repaired, true_content)
+    if flown.entry.family == "strange_race":
+        worlds = flown.case.vehicle, found.repaired or flown.case.vehicle, flown.case.order.content
+        result["race_s"] = dict(zip(RACED, race.race_times(worlds, flown.case.vehicle), strict=True))
     seal.append(log, "opened", name, answer=opened["answer"], nonce=opened["nonce"], score=result)
     if not keep:
         for table in (recording, folder / MANOEUVRE):

@@ -14,6 +14,7 @@ from swift_sim_bridge.referee.scoring import NO_ANSWER, same_effects
 MIN_RATIO = 3.0  # size relative to the detectable size from which on an estimate counts for the parameter errors
 MIN_INTERVALS = 450  # intervals from which on their coverage is compared without its standard error, 1 %
 MIN_REMOVED = 0.8  # of the excess error on another flight, by the repair of a vehicle with physics without a name
+SAME_RACE = 0.01  # share by which race times of worlds may differ that count as the same
 MAX_VALUE_ERROR = 0.05  # of a value that the file has wrong by a large factor
 Z95 = 1.959964  # 97.5 % quantile of the normal distribution
 SINGLES = ("single", "sheet", "gusty", "confusable", "foreign")  # families with one effect in a complete recording
@@ -43,6 +44,14 @@ class Metric:
 def _accurate(record: dict) -> bool:
     """Return whether each estimated value is nearly the true one."""
     return all(row["error_of_value"] <= MAX_VALUE_ERROR for row in record["parameters"])
+
+
+def _is_same_race(race_s: dict, world: str) -> bool | None:
+    """Return whether a race takes as long in a world as in the concealed one, s; None if it does not finish there."""
+    concealed, own = race_s["concealed"], race_s[world]
+    if concealed is None:
+        return None
+    return own is not None and abs(own - concealed) <= SAME_RACE * concealed
 
 
 METRICS = (
@@ -92,6 +101,18 @@ METRICS = (
         lambda r: r["removed"] >= MIN_REMOVED if r.get("removed") is not None else None,
         {"own": 0.9},
         families=STRANGE_FAMILIES,
+    ),
+    Metric(
+        f"physics without a name: race in the repaired world as long, within {100 * SAME_RACE:.0f} %",
+        lambda r: _is_same_race(r["race_s"], "repaired") if "race_s" in r else None,
+        {"own": 0.9},
+        families=("strange_race",),
+    ),
+    Metric(
+        "physics without a name: race in the world of the file as long",
+        lambda r: _is_same_race(r["race_s"], "file") if "race_s" in r else None,
+        {},
+        families=("strange_race",),
     ),
     Metric("unknown on null cases and correct answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: reported as such", lambda r: r["says_ambiguous"], {"own": 0.95}, families=("poor",)),

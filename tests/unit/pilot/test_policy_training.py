@@ -1,9 +1,7 @@
-"""A training of the policy resumes bit by bit, is prolonged, changed, and begun with another pilot."""
+"""A training of the policy resumes bit by bit, is prolonged, changed, drawn, and refused where it cannot be."""
 
-import argparse
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import jax
@@ -11,62 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import yaml
+from tiny_training import FOLDER, log_of, other, provenance_of, rewrite, train
 
 from swift_ros import configuration
 from swift_ros.errors import UsageError
 from swift_ros.policy.actor import Actor
 from swift_ros.policy.observation import SIZE
 from swift_ros.track import Track
-from swift_sim_bridge.commands import train as command
-from swift_sim_bridge.model_files import checkpoint, provenance, sittings
-from swift_sim_bridge.pilot import export, job, learner, networks, picture, ppo, stages, trial
+from swift_sim_bridge.model_files import checkpoint, sittings
+from swift_sim_bridge.pilot import export, job, learner, networks, ppo, trial
 from swift_sim_bridge.pilot import train as training
 from swift_sim_bridge.pilot.episodes import environment
 from swift_sim_bridge.pilot.settings import Plan, schedule_at
-
-FOLDER = configuration.configuration_folder()
-TINY = {"interactions": 256, "agents": 4, "steps": 16, "minibatch": 32, "epochs": 1, "trial_every": 64}
-TINY |= {"trial_races": 2, "final_races": 2}
-TINY |= {"fine_tuning": {"interactions": 128, "critic_first": 64, "schedule_share": 0.75}}
-
-
-@pytest.fixture(autouse=True, scope="module")
-def compile_once(tmp_path_factory):
-    """Share compiled code between trainings of the same shape: compiling takes far longer than these trainings."""
-    before = jax.config.jax_compilation_cache_dir
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
-    yield
-    jax.config.update("jax_compilation_cache_dir", before)
-
-
-DRAW = picture.draw
-
-
-@pytest.fixture(autouse=True)
-def without_pictures(monkeypatch):
-    """Draw no pictures, which takes longer than these trainings."""
-    monkeypatch.setattr(training.picture, "draw", lambda *_: None)
-
-
-@pytest.fixture
-def tiny_configuration(tmp_path):
-    """A configuration folder whose training takes seconds."""
-    folder = tmp_path / "config"
-    folder.mkdir()
-    for name in ("drone.yaml", "track.yaml", "camera.yaml"):
-        (folder / name).write_text((FOLDER / name).read_text())
-    training = yaml.safe_load((FOLDER / "training.yaml").read_text())
-    training["policy"] |= TINY
-    training["policy"]["environment"] |= {"bank_size": 4, "bank_fixed": 2}
-    (folder / "training.yaml").write_text(yaml.safe_dump(training))
-    return folder
-
-
-def train(folder, out, *options):
-    parser = argparse.ArgumentParser()
-    command.command(parser.add_subparsers())
-    arguments = parser.parse_args(["train", "policy", "--config", str(folder), "--out", str(out), *options])
-    return arguments.run(arguments)
 
 
 def test_an_interrupted_training_resumes_bit_by_bit(tiny_configuration, tmp_path, monkeypatch):
@@ -95,77 +49,6 @@ def test_an_interrupted_training_resumes_bit_by_bit(tiny_configuration, tmp_path
     assert [(one["begin"], one["end"]) for one in record["sittings"]] == [(0, 256), (128, 256)]
     with pytest.raises(UsageError, match="has 256 interactions already; give more with --interactions"):
         train(tiny_configuration, tmp_path / "halves")
-
-
-def test_trainings_in_a_row_begin_with_the_pilot_before_and_go_on_where_they_stopped(
-    tiny_configuration, tmp_path, capsys, monkeypatch
-):
-    out, settings = tmp_path / "row", tmp_path / "settings"
-    settings.mkdir()
-    for name in ("1-first", "2-second"):
-        (settings / f"{name}.yaml").write_text((tiny_configuration / "training.yaml").read_text())
-    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(stages, "train_policy", lambda stage: stop_in_the_second(stage, training.train_policy))
-        train(tiny_configuration, out, "--settings", str(settings))
-    first = (out / "1-first" / "pilot.npz").read_bytes()
-    assert train(tiny_configuration, out, "--settings", str(settings)) == 0
-    assert "training 1 of 2: " in (printed := capsys.readouterr().out) and "1-first.yaml, is done" in printed
-    assert (out / "1-first" / "pilot.npz").read_bytes() == first
-    begun_with = [json.loads((out / name / "pilot.json").read_text())["started_from"] for name in ("1-first", ".")]
-    assert begun_with == [{}, {"pilot.npz": provenance.file_hash(out / "1-first" / "pilot.npz")}]
-    assert [one["interactions"] for one in log_of(out / "1-first")] == [64, 128, 192, 256]
-    assert log_of(out)[-1]["interactions"] == 128  # as long as `fine_tuning` says
-
-
-def stop_in_the_second(stage, train_policy):
-    if stage.out.name != "1-first":
-        raise KeyboardInterrupt
-    train_policy(stage)
-
-
-@pytest.mark.parametrize(
-    ("files", "options", "said"),
-    [
-        ({"a.yaml": "policy: {}", "b.yaml": ""}, ("--interactions", "64"), "--interactions is the length of one"),
-        ({"notes.txt": ""}, (), "which has no .yaml file"),
-        ({"1.yaml": None, "2.yaml": "policy: {agents: many}"}, (), "2.yaml"),
-    ],
-)
-def test_trainings_in_a_row_that_cannot_be_are_refused_before_the_first(
-    tiny_configuration, tmp_path, files, options, said
-):
-    out, settings = tmp_path / "row", tmp_path / "settings"
-    settings.mkdir()
-    for name, content in files.items():
-        (settings / name).write_text((tiny_configuration / "training.yaml").read_text() if content is None else content)
-    with pytest.raises(UsageError, match=said):
-        train(tiny_configuration, out, "--settings", str(settings), *options)
-    assert not out.exists()
-
-
-def rewrite(folder, section, **values):
-    """Change values of a section of a configuration folder's training.yaml, or of a whole other file."""
-    path = folder / "training.yaml"
-    content = yaml.safe_load(path.read_text())
-    content[section] |= values
-    path.write_text(yaml.safe_dump(content))
-
-
-def other(tmp_path, name, change):
-    """Write a shipped file with a change of its content, and return its path."""
-    content = yaml.safe_load((FOLDER / name).read_text())
-    change(content)
-    path = tmp_path / name
-    path.write_text(yaml.safe_dump(content))
-    return str(path)
-
-
-def log_of(out):
-    return [json.loads(line) for line in (out / "progress.jsonl").read_text().splitlines()]
-
-
-def provenance_of(out):
-    return json.loads((out / "pilot.json").read_text())
 
 
 def test_a_finished_training_is_prolonged_at_the_end_of_its_schedules_or_refused(tiny_configuration, tmp_path, capsys):
@@ -238,86 +121,13 @@ def test_a_training_whose_randomisation_begins_at_its_end_stays_without():
         assert schedule_at(settings, Plan(settings.interactions), updates).difficulty == 0.0
 
 
-def test_a_training_that_begins_with_the_shipped_pilot_first_learns_a_critic_alone(
-    tiny_configuration, tmp_path, monkeypatch
-):
-    out, shipped = tmp_path / "out", FOLDER / "models" / "pilot.onnx"
-    rewrite(
-        tiny_configuration, "policy", fine_tuning={"interactions": 192, "critic_first": 128, "schedule_share": 0.75}
-    )
-    saved = []
-
-    def keep(path, tree, *, record, save=training.checkpoint.save):
-        save(path, tree, record=record)
-        if path.name == "training.npz":
-            saved.append(jax.tree.map(np.asarray, tree.networks))
-
-    def draw(path, rows, races, track):
-        if len(rows) == 1:
-            (out / "first.onnx").write_bytes((out / "pilot.onnx").read_bytes())
-            DRAW(path, rows, races, track)
-
-    monkeypatch.setattr(training.checkpoint, "save", keep)
-    monkeypatch.setattr(training.picture, "draw", draw)
-    assert train(tiny_configuration, out, "--start-from", "shipped") == 0
-    assert [row["interactions"] for row in log_of(out)] == [0, 64, 128, 192]
-    inputs = np.random.default_rng(0).normal(size=(200, SIZE)).astype(np.float32)
-    before, after = (Actor(path) for path in (shipped, out / "first.onnx"))
-    np.testing.assert_array_equal([after.act(row) for row in inputs], [before.act(row) for row in inputs])
-
-    assert cv2.imread(str(out / "progress.png")).shape == (810, 1440, 3)
-    actor = export.read_actor(shipped, saved[0]["actor"])
-    assert [same(actor, networks["actor"]) for networks in saved] == [True, True, False]
-    assert not same(saved[0]["critic"], saved[1]["critic"])
-    record = provenance_of(out)
-    assert record["command"] == "swiftros train policy --seed 0 --start-from shipped"
-    assert record["started_from"]["pilot.onnx"] == json.loads(shipped.with_suffix(".json").read_text())["sha256"]
-
-
-def same(first, second) -> bool:
-    pairs = zip(jax.tree.leaves(first), jax.tree.leaves(second), strict=True)
-    return all(np.array_equal(a, b) for a, b in pairs)
-
-
-def test_a_training_begins_with_the_checkpoint_of_another_on_another_track(tiny_configuration, tmp_path):
-    given = networks.make_actor_and_critic(jax.random.PRNGKey(7), SIZE, learner.CRITIC_SIZE)
-    origin = provenance.Origin("command", "hash", 0, {}, [])
-    export.write_pilot(tmp_path, given, {}, origin=origin)
-    moved = other(tmp_path, "track.yaml", lambda content: content["gates"][2]["position"].__setitem__(1, -5.0))
-    for name in ("pilot.npz", "pilot.onnx"):
-        chosen = {"track": Path(moved), "start_from": str(tmp_path / name)}
-        options = job.TrainingOptions(tiny_configuration, tmp_path / "out", **chosen)
-        prepared = job.prepare(options)
-        training = job.first_state(prepared, options)
-        assert same(training.networks["actor"], given["actor"])
-        assert same(training.networks["critic"], given["critic"]) == (name == "pilot.npz")
-        assert float(training.learning_rate) == pytest.approx(learner.MIN_LEARNING_RATE)
-        assert (prepared.end, prepared.plan) == (128, Plan(128, 64, 0.75))
-        assert prepared.track.positions[2, 1] == -5.0 and prepared.world.gates.positions[2, 1] == -5.0
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (("--start-from", "none.npz"), "none.npz, which does not exist"),
-        (("--start-from", str(FOLDER / "models" / "gate_detector.onnx")), "is not a pilot of `swiftros train policy`"),
-        (("--start-from", str(FOLDER / "models" / "race_poses.npz")), "holds a training of another shape"),
-        (("--start-from", "shipped", "--interactions", "64"), "leave none after the 64 of 'fine_tuning.critic_first'"),
-        (("--track", "none.yaml"), "none.yaml cannot be read"),
-    ],
-)
-def test_a_bad_beginning_is_refused_in_one_sentence(tiny_configuration, tmp_path, options, sentence):
-    with pytest.raises(UsageError, match=sentence):
-        train(tiny_configuration, tmp_path / "out", *options)
-
-
 def test_progress_along_a_lap_that_is_not_given_is_refused(tiny_configuration, tmp_path):
     rewrite(tiny_configuration, "policy", rewards={"pace": [13.0, 13.0]})
     with pytest.raises(UsageError, match="reward 'pace' of .* and give its --out as --guide"):
         train(tiny_configuration, tmp_path / "out")
 
 
-def test_the_picture_has_the_curves_the_lines_and_the_ends_of_crashed_races(tmp_path):
+def test_the_picture_has_the_curves_the_lines_and_the_ends_of_crashed_races(tmp_path, draw_picture):
     track = configuration.load(Track, FOLDER / "track.yaml")
     lines = np.full((2, 50, 3), np.nan)
     lines[:, :40] = np.linspace(track.start, track.positions[0], 40)
@@ -328,7 +138,7 @@ def test_the_picture_has_the_curves_the_lines_and_the_ends_of_crashed_races(tmp_
 
     def red_pixels(passage_ticks):
         path = tmp_path / "progress.png"
-        DRAW(path, rows, trial.Trial(passage_ticks, np.zeros((2, 22)), lines[:, 39], lines), track)
+        draw_picture(path, rows, trial.Trial(passage_ticks, np.zeros((2, 22)), lines[:, 39], lines), track)
         image = cv2.imread(str(path)).astype(int)
         assert image.shape == (810, 1440, 3)
         assert np.sum(np.abs(image - (148, 87, 51)).sum(axis=-1) < 60) > 20  # viridis, of the lines

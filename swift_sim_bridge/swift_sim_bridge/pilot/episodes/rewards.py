@@ -120,6 +120,7 @@ def yaw(moment):
 
 _TERMS = (progress, perception, rates, smoothness, crash, passage, margin, risk, guide, pace, thrust_direction, yaw)
 TERMS = {term.__name__: term for term in _TERMS}
+NEED_GUIDE = (pace.__name__, thrust_direction.__name__)  # without one they reward nothing, and the training misses them
 
 
 def total(moment: Moment, scales: dict) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 from swift_sim_bridge.referee.simulator import blind, disturbances, pilot
 from swift_sim_bridge.referee.simulator.paths import TICK_S, Path
 from swift_sim_bridge.referee.simulator.plant import GRAVITY, Inputs, Outputs, State, derivative, plant_of
+from swift_sim_bridge.referee.simulator.polynomial import summands_of
 from swift_sim_bridge.referee.simulator.vectors import parts
 
 LOOP_HZ, STEP_S = 500, 0.001  # rate of the rate loop; physics step, s
@@ -95,27 +96,10 @@ def fly(orders: Sequence[Order]) -> list[Truth]:
 def _inputs(order: Order, contents: Sequence[dict]):
     """Return the parameters, the initial state and the inputs of each tick of one order, to be flown among contents."""
     terms = order.content.get("terms", {})
-    ticks = len(order.path.p)
+    ticks, rotors = len(order.path.p), len(order.content["rotors"])
     rng = np.random.default_rng([order.seed, 7])
-    vehicle = {
-        "plant": plant_of(order.content, among=contents),
-        "controls": pilot.controls_of(order.nominal),
-        "bend": {name: idle | terms.get(name, {}) for name, idle in COMMAND_ERRORS.items()},
-        "gyro": {name: (idle | terms.get(name, {}))[name.split("_")[1]] for name, idle in GYRO_ERRORS.items()},
-    }
-    rotors = len(order.content["rotors"])
-    hover = np.sqrt(order.content["mass"] * GRAVITY / (rotors * order.content["thrust_coefficient"]))
-    zeros, yaw = np.zeros(3), 0.5 * order.path.yaw[0]
-    start = State(
-        p=order.path.p[0],
-        q=np.array([0.0, 0.0, np.sin(yaw), np.cos(yaw)]),
-        v=zeros,
-        w=zeros,
-        rotor_speed=np.full(rotors, hover),
-        charge=0.0,
-        rc=0.0,
-        memory=np.array(blind.REST) if blind.any_in(contents) else (),
-    )
+    vehicle = vehicle_of(order.content, order.nominal, contents)
+    start = at_rest(order.content, order.path.p[0], order.path.yaw[0], contents)
     shape = (ticks, PASSES)
     each = {
         "aim": pilot.Aim(**{name: getattr(order.path, name) for name in pilot.Aim._fields}),
@@ -129,13 +113,45 @@ def _inputs(order: Order, contents: Sequence[dict]):
     return vehicle, start, each
 
 
+def vehicle_of(content: dict, nominal: dict, among: Sequence[dict]) -> dict:
+    """Return the parameters of a vehicle with its rate loop and pilot.
+
+    Args:
+        content: content of the true vehicle file.
+        nominal: content of the vehicle file that rate loop and pilot use.
+        among: contents of all vehicles of the same call, whose equations it takes with coefficients of zero.
+    """
+    terms = content.get("terms", {})
+    return {
+        "plant": plant_of(content, summands_of(among), among),
+        "controls": pilot.controls_of(nominal),
+        "bend": {name: idle | terms.get(name, {}) for name, idle in COMMAND_ERRORS.items()},
+        "gyro": {name: (idle | terms.get(name, {}))[name.split("_")[1]] for name, idle in GYRO_ERRORS.items()},
+    }
+
+
+def at_rest(content: dict, p, yaw: float, among: Sequence[dict]) -> State:
+    """Return the state of a level vehicle at p (3,) m with heading `yaw` rad and rotors that carry its weight."""
+    rotors = len(content["rotors"])
+    hover = np.sqrt(content["mass"] * GRAVITY / (rotors * content["thrust_coefficient"]))
+    return State(
+        p=np.asarray(p, dtype=float),
+        q=np.array([0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]),
+        v=np.zeros(3),
+        w=np.zeros(3),
+        rotor_speed=np.full(rotors, hover),
+        charge=0.0,
+        rc=0.0,
+        memory=np.array(blind.REST) if blind.any_in(among) else (),
+    )
+
+
 @jax.jit
 def _flown(vehicle, start: State, each):
     """Return state, outputs, motor commands and gyro of each pass (ticks, passes, ...), and the pilot's commands."""
     start = State(*(parts(row) if np.ndim(row) > 1 else row for row in start))
-    nothing = tuple(0.0 * row for row in start.w)
-    first = jnp.stack([*nothing, 0.0 * start.charge + GRAVITY])
-    loop = pilot.Loop(nothing, nothing, nothing)
+    loop = first_loop(start)
+    first = jnp.stack([*loop.integral, 0.0 * start.charge + GRAVITY])
 
     def tick(carry, now):
         state, loop, sent = carry
@@ -143,10 +159,29 @@ def _flown(vehicle, start: State, each):
         rates, thrust = pilot.command(state, aim, vehicle["controls"])
         sent = jnp.concatenate([jnp.stack([*rates, thrust])[None], sent[:-1]])
         given = {name: now[name] for name in now if name != "aim"}
-        (state, loop), seen = jax.lax.scan(partial(_pass, vehicle=vehicle, sent=sent), (state, loop), given)
+        (state, loop), seen = fly_tick(state, loop, vehicle, sent, given)
         return (state, loop, sent), (seen, sent[0])
 
     return jax.lax.scan(tick, (start, loop, jnp.stack([first] * HISTORY)), each)[1]
+
+
+def first_loop(start: State) -> pilot.Loop:
+    """Return the memory of rate loops that have not run yet."""
+    nothing = tuple(0.0 * row for row in start.w)
+    return pilot.Loop(nothing, nothing, nothing)
+
+
+def fly_tick(state: State, loop: pilot.Loop, vehicle: dict, sent, given: dict):
+    """Fly one tick of the pilot: all passes of the rate loop; return (state, loop), and what each pass saw.
+
+    Args:
+        state: of b vehicles.
+        loop: memory of their rate loops.
+        vehicle: parameters, see `vehicle_of`, with a last axis of b.
+        sent: the last commands (HISTORY, 4, b), newest first: rates (rad/s) and thrust (m/s^2).
+        given: `noise`, `age`, `gust`, `push`, `twist` and `ring` of each pass, with a last axis of b.
+    """
+    return jax.lax.scan(partial(_pass, vehicle=vehicle, sent=sent), (state, loop), given)
 
 
 def _pass(carry, now, vehicle, sent):
