@@ -78,11 +78,13 @@ def race_times(contents: Sequence[dict], nominal: dict) -> list[float | None]:
         for tick in range(MOST_TICKS):
             for i, pilot in tuple(racing.items()):
                 odometry = _odometry(np.asarray(motion)[:, i], tick)
+                if not np.all((odometry.p_world > track.bounds_min) & (odometry.p_world < track.bounds_max)):
+                    del racing[i]  # outside, or no longer finite
+                    continue
                 command = pilot.update(odometry).command
                 sent[:, i] = *command.omega_body, command.thrust
-                times[i] = tick * TICK_S if pilot.lap >= track.laps else None
-                p = odometry.p_world
-                if times[i] is not None or np.any(p < track.bounds_min) or np.any(p > track.bounds_max):
+                if pilot.lap >= track.laps:
+                    times[i] = tick * TICK_S
                     del racing[i]
             if not racing:
                 break
