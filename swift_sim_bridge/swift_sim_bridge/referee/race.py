@@ -19,10 +19,17 @@ from swift_ros.race.judge import RACING
 from swift_ros.track import Track
 from swift_ros.types import Odometry
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.referee.simulator.flight import HISTORY, PASSES, at_rest, first_loop, fly_tick, vehicle_of
+from swift_sim_bridge.referee.simulator.flight import (
+    HISTORY,
+    PASSES,
+    at_rest,
+    first_loop,
+    fly_tick,
+    in_parts,
+    vehicle_of,
+)
 from swift_sim_bridge.referee.simulator.paths import TICK_S
 from swift_sim_bridge.referee.simulator.plant import State
-from swift_sim_bridge.referee.simulator.vectors import parts
 from swift_sim_bridge.referee.simulator.vehicles import plain
 
 PILOT = "pilots/split_s_careful.onnx"  # the shipped pilot with most reserve for physics it was not trained in
@@ -97,7 +104,7 @@ def _on_the_podium(contents: Sequence[dict], nominal: dict, track: Track) -> tup
     yaw = np.radians(track.start_yaw_deg)
     built = [(at_rest(one, track.start, yaw, contents), vehicle_of(one, nominal, contents)) for one in contents]
     start, flown = jax.tree.map(lambda *rows: jnp.stack([jnp.asarray(row, float) for row in rows], axis=-1), *built)
-    return State(*(parts(row) if isinstance(row, jax.Array) and row.ndim > 1 else row for row in start)), flown
+    return in_parts(start), flown
 
 
 @jax.jit

@@ -149,7 +149,7 @@ def at_rest(content: dict, p, yaw: float, among: Sequence[dict]) -> State:
 @jax.jit
 def _flown(vehicle, start: State, each):
     """Return state, outputs, motor commands and gyro of each pass (ticks, passes, ...), and the pilot's commands."""
-    start = State(*(parts(row) if np.ndim(row) > 1 else row for row in start))
+    start = in_parts(start)
     loop = first_loop(start)
     first = jnp.stack([*loop.integral, 0.0 * start.charge + GRAVITY])
 
@@ -163,6 +163,11 @@ def _flown(vehicle, start: State, each):
         return (state, loop, sent), (seen, sent[0])
 
     return jax.lax.scan(tick, (start, loop, jnp.stack([first] * HISTORY)), each)[1]
+
+
+def in_parts(state: State) -> State:
+    """Return a state of arrays with its vectors as tuples of their parts."""
+    return State(*(parts(row) if np.ndim(row) > 1 else row for row in state))
 
 
 def first_loop(start: State) -> pilot.Loop:
