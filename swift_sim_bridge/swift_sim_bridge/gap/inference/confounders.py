@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, solve
-from swift_sim_bridge.gap.inference.stepwise import SelectionProblem, accepts, fit
+from swift_sim_bridge.gap.inference.stepwise import SelectionProblem, accepts, explains, fit
 
 MIN_CONFOUNDER_WEIGHT = 0.05  # relative likelihood above which a confounder is reported
 MIN_LEAD = 3.0  # log-likelihood by which a replacement must be better; "strong" evidence (Kass and Raftery 1995)
@@ -79,10 +79,11 @@ def find_confounders(
 ) -> dict[str, float]:
     """Return the effects that could replace a selected one, with their relative likelihoods, itself included.
 
-    A confounder lowers the squares nearly as much, would be selected in the effect's place, and makes it superfluous.
-    The penalties of parameters count between large effects alone. They hold that few parameters differ from the file;
-    but by little many do, and a small error of the centre of mass is no less likely than a slightly damaged propeller.
-    Between small effects a parameter counts by the noise that it fits.
+    A confounder lowers the squares nearly as much, explains them in the effect's place, and makes it superfluous. It
+    need not be significant by itself: the selected effect shows that something is there. The penalties of parameters
+    count between large effects alone. They hold that few parameters differ from the file; but by little many do, and a
+    small error of the centre of mass is no less likely than a slightly damaged propeller. Between small effects a
+    parameter counts by the noise that it fits.
     """
     others = [other for other in selected if other != key]
     base, best = problem.gain(others), problem.gain(selected)
@@ -92,7 +93,7 @@ def find_confounders(
         gain = problem.gain([*others, candidate]) - base
         if own - gain > MAX_CONFOUNDER_LOSS * own or gain < problem.null_distribution.threshold(candidate):
             continue
-        if accepts(problem, others, candidate)[0] and not accepts(problem, [*others, candidate], key)[0]:
+        if explains(problem, others, candidate) and not accepts(problem, [*others, candidate], key)[0]:
             scores[candidate] = _lead(problem, others, candidate, key)
             if not (large and is_large(problem, others, candidate)):
                 more = problem.parameter_count(candidate) - problem.parameter_count(key)

@@ -149,17 +149,31 @@ def accepts(problem: SelectionProblem, selected: list[str], key: str) -> tuple[b
     gain = problem.gain([*selected, key]) - problem.gain(selected)
     size, inflation = problem.parameter_count(key), problem.null_distribution.variance_inflation(key)
     sigma = significance(gain / inflation, size)
+    return explains(problem, selected, key) and not _may_be_chance(problem, selected, key), sigma
+
+
+def explains(problem: SelectionProblem, selected: list[str], key: str) -> bool:
+    """Return whether an effect, added to those selected, explains more than reference flights show.
+
+    It must be physical, and it must predict blocks that its fit has not used. This alone does not show that it is
+    there, as each of many effects may do so by chance.
+    """
+    gain = problem.gain([*selected, key]) - problem.gain(selected)
     if gain < problem.null_distribution.threshold(key) or not _exceeds_bias(problem, selected, key):
-        return False, sigma
+        return False
+    found = fit(problem.equations, problem.rows([*selected, key]), problem.null_distribution.variance_inflation(key))
+    in_bounds = within_bounds(problem, found, problem.parameter_count(key))
+    return in_bounds and passes_cross_validation(problem, selected, key)
+
+
+def _may_be_chance(problem: SelectionProblem, selected: list[str], key: str) -> bool:
+    """Return whether the scatter over the seconds makes one of all effects as significant as this one."""
+    size, inflation = problem.parameter_count(key), problem.null_distribution.variance_inflation(key)
     found = fit(problem.equations, problem.rows([*selected, key]), inflation)
-    if not within_bounds(problem, found, size):
-        return False, sigma
     wald = found.estimate[-size:] @ solve(found.covariance[-size:, -size:], found.estimate[-size:])
     seconds = np.count_nonzero(problem.equations.samples)
     chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
-    if chance > FALSE_SELECTION_RATE / len(problem.slices):
-        return False, sigma
-    return passes_cross_validation(problem, selected, key), sigma
+    return bool(chance > FALSE_SELECTION_RATE / len(problem.slices))
 
 
 def within_bounds(problem: SelectionProblem, found: Fit, size: int) -> bool:

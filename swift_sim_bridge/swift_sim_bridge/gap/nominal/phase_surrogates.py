@@ -103,8 +103,8 @@ def with_pose_noise(
 ) -> NullDistribution:
     """Return the null distribution with the bias that the noise of the pose causes in the effects of VIO.
 
-    The velocity of the pose is on both sides of VIO's residual: in a slow flight its noise looks like a scale error of
-    VIO (errors in variables, Fuller 1987).
+    Without a recorded velocity, that of the pose is on both sides of VIO's residual: in a slow flight its noise looks
+    like a scale error of VIO (errors in variables, Fuller 1987).
 
     Args:
         null_distribution: of the reference flights.
@@ -115,9 +115,9 @@ def with_pose_noise(
     """
     channels = [c for c, channel in enumerate(recorded.residual_model.channels) if channel.layer == "vio"]
     vio_effects = [effect for effect in effects if effect.layer == "vio"]
-    if not channels or not vio_effects:
-        return null_distribution
     recording, low, line = recorded.residual_model.recording, recorded.residual_model.filter, recorded.linearisation
+    if not channels or not vio_effects or recording.velocity_measured:
+        return null_distribution
     p_world = _position_with_noise(recorded, noise_m, seed)
     q = recording.q_world_body[low.rows]
     v_world, noise = (apply(low.slope, p) for p in (recording.p_world, p_world - recording.p_world))
@@ -132,7 +132,8 @@ def with_pose_noise(
                 for by in (0.0, step)
             )
             without_noise, with_noise = (
-                odometry.velocity(q, v, moved) - odometry.velocity(q, v, idle) for v in (v_world, v_world + noise)
+                odometry.velocity_error(q, v, moved) - odometry.velocity_error(q, v, idle)
+                for v in (v_world, v_world + noise)
             )
             products = geometry.rotate_inverse(q, with_noise - without_noise) * geometry.rotate_inverse(q, noise)
             gradient[row, channels] = products[line.good].sum(axis=0) / np.square(sigma) / seconds

@@ -276,7 +276,7 @@ class ResidualModel:
         """Return the residuals of VIO, nothing without it."""
         if not self.recording.has("p_vio", "q_vio_body"):
             return {}
-        return {"vio": odometry.velocity_residuals(self._v_vio, kinematics, terms)}
+        return {"vio": odometry.velocity_residuals(self._v_vio, kinematics, self.filter, terms)}
 
     @cached_property
     def _v_vio(self) -> np.ndarray:
