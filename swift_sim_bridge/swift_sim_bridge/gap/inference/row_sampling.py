@@ -98,7 +98,7 @@ def row_bounds(recording: Recording) -> dict[str, np.ndarray]:
     delays_s = {"time_offset": 0.5 * pose_and_imu, "command_latency": commands} | of_motors
     bounds, link = {name: np.array([delay_s]) for name, delay_s in delays_s.items()}, recording.command_link
     if link and link.row_s:
-        bounds["rate_scale"] = np.concatenate([link.attenuation(), command_timing.NEGLIGIBLE[:3]])
+        bounds["rate_scale"] = np.concatenate([link.scale_error(), command_timing.NEGLIGIBLE[:3]])
     return bounds
 
 

@@ -11,6 +11,8 @@ from swift_sim_bridge.gap.recording.channel_names import PHYSICS, missing_channe
 from swift_sim_bridge.gap.report import effect_help
 from swift_sim_bridge.gap.residuals.variants import Variants
 
+OF_EACH_COMMAND = ("command_jitter", "dropped_commands")  # effects that are found from the time of each command
+
 
 @dataclass(frozen=True)
 class Hypotheses:
@@ -66,6 +68,10 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
         missing = missing_channels(effect, recordings)
         if effect.layer == "command" and missing:
             untestable[effect.id] = _command_reason(missing, recordings)
+        elif effect.id in OF_EACH_COMMAND and (row_s := _longest_row_s(recordings)):
+            untestable[effect.id] = (
+                f"rows {1e3 * row_s:.0f} ms apart miss commands; record rows more often than commands are sent"
+            )
         elif effect.layer == "camera" and missing:
             untestable[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
         elif missing:
@@ -80,6 +86,12 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
     if "wind" in untestable:
         untestable |= dict.fromkeys(("gust", "local_draught"), untestable["wind"])
     return tuple(found), untestable | effect_help.missing_terms(vehicle)
+
+
+def _longest_row_s(recordings) -> float:
+    """Return the longest time between two rows of recordings that lack some of the commands; 0 if none does."""
+    links = [one.command_link for one in recordings if one.command_link]
+    return max((link.row_s for link in links if not link.is_complete), default=0.0)
 
 
 def _command_reason(missing, recordings) -> str:

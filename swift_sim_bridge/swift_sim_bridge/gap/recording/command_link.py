@@ -39,6 +39,7 @@ MIN_SHARED_SAMPLES = 0.9  # share of the motor commands with a gyro sample at th
 SETTLING_S = 0.5  # time after which the loop's low-pass filters no longer depend on their unknown initial state
 UNIFORM_KURTOSIS = 0.8  # fourth over squared second moment of a uniform distribution (1.8), less 1
 MIN_ROWS = 100  # rows with motor commands and gyro
+SCALE_MARGIN = 2.0  # times the error of a scale that a shift by a whole row makes
 ROW_PARTS = 2  # of a row: steps in which a common delay is sought
 AT_LIMIT = Unavailable("a motor stands at its limit, or the recording has a gap, all the time")
 QUANTISATION = 0.1  # passes; standard error of a jitter that is observed in whole passes, besides that of the sample
@@ -54,12 +55,14 @@ class CommandLink:
         row_s: time between two rows that are slower than the loop; 0 where every pass has a row.
         late_gyro: (n, 4) change of the received commands where the gyro is half a row later against the motor commands;
             None where every pass has a row.
+        is_complete: whether each command that was sent has a row; the timing is not known otherwise.
     """
 
     passes: Passes
     timing: CommandTiming
     row_s: float = 0.0
     late_gyro: np.ndarray | None = None
+    is_complete: bool = True
 
     def held(self, delay_s: float, jitter_s: float = 0.0, lost=False) -> np.ndarray:
         """Return the command (n, 4) in force over each pass.
@@ -99,20 +102,22 @@ class CommandLink:
         change = np.concatenate([-np.eye(4)[:, None] * later, self.late_gyro[None]])
         return np.where(self.passes.observable[:, None], change, 0.0)
 
-    def attenuation(self) -> np.ndarray:
-        """Return the share (3,) by which rates seem smaller where commands are half a row early or late.
+    def scale_error(self) -> np.ndarray:
+        """Return the share (3,) by which rates may seem smaller or larger because of the rows.
 
-        To first order a shift makes no rate larger or smaller; a row of many milliseconds does so to the second. Zero
-        where every pass has a row.
+        To first order a shift makes no rate larger or smaller; a row of many milliseconds does so to the second, and
+        the D and I terms of the slower loop are not those of the loop that flew. In flights without an error of the
+        scale, with commands held, averaged or late, it seemed wrong by up to 1.3 times what a shift of a whole row
+        makes. Zero where every pass has a row.
         """
         rates, t = self._delayed(0.0, 0.0, 0.0)[:, :3], self.passes.t
         moved = [
             np.stack([np.interp(t + shift_s, t, rate) for rate in rates.T], axis=-1)
-            for shift_s in (-0.5 * self.row_s, 0.5 * self.row_s)
+            for shift_s in (-self.row_s, self.row_s)
         ]
         rates, moved = (one[self.passes.observable] for one in (rates, np.mean(moved, axis=0)))
         rates, moved = rates - rates.mean(axis=0), moved - moved.mean(axis=0)
-        return 1.0 - np.sum(rates * moved, axis=0) / np.maximum(np.sum(rates**2, axis=0), 1e-12)
+        return SCALE_MARGIN * (1.0 - np.sum(rates * moved, axis=0) / np.maximum(np.sum(rates**2, axis=0), 1e-12))
 
     def _delayed(self, delay_s: float, jitter_s: float, share: float) -> np.ndarray:
         """Return the command (n, 4) in force over each pass where this share of the commands is lost."""
@@ -229,7 +234,7 @@ def _link_of_rows(
     if not complete:
         nothing = np.zeros(len(timing.lost), bool)
         timing = CommandTiming(nothing, nothing, np.zeros(len(nothing)))
-    return CommandLink(passes, timing, row_s, late_gyro)
+    return CommandLink(passes, timing, row_s, late_gyro, complete)
 
 
 def _row_numbers(stamps, row_s: float) -> np.ndarray:

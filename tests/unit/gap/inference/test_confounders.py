@@ -13,7 +13,7 @@ from swift_sim_bridge.gap.inference.confounders import (
     simpler_replacement,
 )
 from swift_sim_bridge.gap.inference.normal_equations import accumulate
-from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
+from swift_sim_bridge.gap.inference.stepwise import SelectionProblem, accepts
 
 
 @pytest.mark.parametrize(("similarity", "confounders"), [(0.999, {"drag", "similar drag"}), (0.3, {"drag"})])
@@ -70,6 +70,13 @@ def test_the_number_of_parameters_does_not_decide_between_small_effects(change, 
     problem = problem_with_sum((0.0, change, change, 0.0, 0.0), whole=0, parts=(1, 2))
     assert is_large(problem, [], "drag") and is_large(problem, [], "lift") == (change > 0.2)
     assert set(find_confounders(problem, ["drag"], "drag")) == confounders
+
+
+def test_a_rival_of_a_significant_effect_need_not_be_significant_by_itself():
+    """A second parameter makes the same moment less significant, not less likely."""
+    problem = problem_with_sum((0.0, 0.1, 0.1, 0.0, 0.0), whole=0, parts=(1, 2))
+    assert accepts(problem, [], "drag")[0] and not accepts(problem, [], "lift")[0]
+    assert set(find_confounders(problem, ["drag"], "drag")) == {"drag", "lift"}
 
 
 def test_of_small_effects_the_one_with_fewer_parameters_is_mostly_likelier_where_it_is_true():

@@ -7,6 +7,7 @@ from rate_loop_flight import GAINS, RATE_HZ, flight, rms, vehicle
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.discovery.features import build_features
 from swift_sim_bridge.gap.inference.sensitivity import perturbed_variants
+from swift_sim_bridge.gap.pipeline import hypotheses
 from swift_sim_bridge.gap.recording import command_link, rate_pid
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
@@ -61,6 +62,14 @@ def test_a_third_of_the_commands_lost_is_found_in_slower_rows(divisor):
     assert not link(divisor).timing.lost.sum() > 0.01 * len(link(divisor).timing.lost)
 
 
+@pytest.mark.parametrize(("divisor", "has_all"), [(2, True), (10, False)])
+def test_rows_that_miss_commands_cannot_show_which_were_lost(divisor, has_all):
+    recording = read_recording(logged(flight(), divisor), vehicle())
+    _, untestable = hypotheses.testable(vehicle(), [recording])
+    assert ("dropped_commands" in untestable) != has_all
+    assert has_all or "record rows more often" in untestable["dropped_commands"]
+
+
 @pytest.mark.parametrize("divisor", [2, 3, 4])
 def test_stamps_that_scatter_lose_no_command(divisor):
     """On a grid of the mean interval, rows and passes drift apart, and 5 % of the commands seem to be lost."""
@@ -85,8 +94,8 @@ def test_a_scale_that_a_shift_within_a_row_would_give_is_the_rows(divisor=10):
     seen, left = found.passes.observable, found.residuals([{}])[0]
     sent = found.passes.in_force(found.passes.first)
     sizes = np.array([np.polyfit(sent[seen, i], left[seen, i], 1)[0] for i in range(3)])
-    assert np.all(np.abs(sizes) < found.attenuation() + 0.002), (sizes, found.attenuation())
-    assert np.all(found.attenuation() > 5.0 * link(2).attenuation())
+    assert np.all(np.abs(sizes) < found.scale_error() + 0.002), (sizes, found.scale_error())
+    assert np.all(found.scale_error() > 5.0 * link(2).scale_error())
 
 
 def test_a_shift_of_the_gyro_against_the_motors_scales_the_rates_and_belongs_to_the_rows():
