@@ -100,7 +100,7 @@ class CornerMotion:
     def _by_odometry(self, state: CornerState, odometry: Odometry, dt: float) -> CornerState:
         """Return the state after a step with the odometry alone."""
         s = self._settings
-        flown = _rotation(state.turn[2]) @ (odometry.p_world - state.odometry.p_world)
+        flown = _in_map(state, odometry.p_world - state.odometry.p_world)
         path, rate = float(np.linalg.norm(flown)), float(np.linalg.norm(odometry.omega_body))
         transition, noise = self._odometry_errors(odometry, dt)
         error_time = s.vio_rate_memory_s * -float(np.expm1(-dt / s.vio_rate_memory_s))
@@ -150,13 +150,14 @@ class CornerMotion:
         return replace(corrected, disagreement=state.disagreement + share * (squared - state.disagreement))
 
 
-def _rotation(yaw: float) -> np.ndarray:
-    return np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-
-
 def _measured_velocity(state: CornerState) -> np.ndarray:
     """Return the velocity (3,) m/s of the odometry as it is, in map axes."""
-    return _rotation(state.turn[2]) @ geometry.rotate(state.odometry.q_world_body, state.odometry.v_body)
+    return _in_map(state, geometry.rotate(state.odometry.q_world_body, state.odometry.v_body))
+
+
+def _in_map(state: CornerState, vector) -> np.ndarray:
+    """Return a vector (3,) of the odometry's world in map axes."""
+    return geometry.rotate(geometry.quaternion_from_yaw(state.turn[2]), vector)
 
 
 def _velocity_slopes_of(measured) -> np.ndarray:
