@@ -34,6 +34,11 @@ MIN_DRIFT_SHARE = 0.1  # of that layer's squares, which a term must explain; sma
 MIN_CAUSE_SHARE = 0.02  # of the gain of all terms that the layer of the cause has; less is leakage from other layers
 ECHO_RATIO = 2.0  # ratio of force to accelerometer coefficients from which on the force is the cause
 EQUALITY_ERRORS = 3.0  # standard errors by which two coefficients of one quantity may differ
+SCALES_OF_RATES = {  # power and axis of terms that make a commanded rate larger or smaller, by channel and name
+    (f"rate_command_{channel}", f"rate sent {letter}{suffix}"): (power, axis)
+    for axis, (channel, letter) in enumerate((("roll", "x"), ("pitch", "y"), ("yaw", "z")))
+    for power, suffix in ((1, ""), (3, "^3"))
+}
 LAYER_ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # an error does not affect earlier layers
 
 
@@ -129,7 +134,8 @@ def search_equations(
             values = np.concatenate(
                 [one[c].values[line.good] for one, line in zip(library.features, lines, strict=True)]
             )
-            found += _terms(channel, library.features[0][c], problem, chosen, values)
+            terms = _terms(channel, library.features[0][c], problem, chosen, values)
+            found += [term for term in terms if not is_of_rows(term, residual_models)]
     return tuple(sorted(found, key=lambda term: channels.index(term.channel)))
 
 
@@ -230,6 +236,17 @@ def _terms(channel: Channel, own: Features, problem: _ChannelProblem, chosen: li
             )
         )
     return found
+
+
+def is_of_rows(term: EquationTerm, residual_models: tuple[ResidualModel, ...]) -> bool:
+    """Return whether a term is a scale of a commanded rate that the time between two rows alone may make."""
+    power, axis = SCALES_OF_RATES.get((term.channel.id, term.name), (0, 0))
+    if not power:
+        return False
+    links = [one.recording.command_link for one in residual_models]
+    peak = max(abs(term.low), abs(term.high))
+    scale = abs(term.value) * peak ** (1.0 - 1.0 / power)
+    return scale < max(link.scale_error()[axis] for link in links if link)
 
 
 def subtract_terms(

@@ -5,6 +5,7 @@ import pytest
 from rate_loop_flight import GAINS, RATE_HZ, flight, rms, vehicle
 
 from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_sim_bridge.gap.discovery.equation_search import EquationTerm, is_of_rows
 from swift_sim_bridge.gap.discovery.features import build_features
 from swift_sim_bridge.gap.inference.sensitivity import perturbed_variants
 from swift_sim_bridge.gap.pipeline import hypotheses
@@ -126,3 +127,14 @@ def test_an_equation_has_slopes_of_commands_only_where_every_pass_has_a_row(divi
     names = {name for own in build_features(found, perturbed_variants(vehicle(), ())) for name in own.names}
     assert {"rate sent x", "throttle"} < names
     assert ({"slope of rate sent x", "slope of throttle"} < names) == has_slopes
+
+
+@pytest.mark.parametrize(("name", "unit"), [("rate sent y", 1.0), ("rate sent y^3", 1.0 / 9.0)])
+def test_an_equation_is_no_scale_that_the_rows_may_give(name, unit):
+    found = ResidualModel(read_recording(logged(flight(), 10), vehicle()))
+    (pitch,) = (channel for channel in found.channels if channel.id == "rate_command_pitch")
+    low, high = (-3.0, 3.0) if unit == 1.0 else (-27.0, 27.0)
+    error = unit * found.recording.command_link.scale_error()[1]
+    for size, of_rows in ((0.9, True), (1.1, False)):
+        term = EquationTerm(pitch, name, "", size * error, 0.0, "", low, high, gain=100.0, net_gain=100.0)
+        assert is_of_rows(term, (found,)) == of_rows
