@@ -16,12 +16,8 @@ from swift_sim_bridge.referee.scoring import score
 LOG, PLAN, CASES = "log.jsonl", "plan.json", "cases"
 REPORT, RESOLVED = "report.json", "resolved.json"  # of a case; the second one after the proposed manoeuvre was flown
 MANOEUVRE_FAMILIES = ("poor", "confusable")  # families of our own simulator in which a proposed manoeuvre is flown
-RUN_ENTRIES = (
-    "generator",
-    "seconds",
-    "removed",
-    "race_s",
-)  # entries of a record that cannot be computed from the files
+# Entries of a record that cannot be computed from the files
+RUN_ENTRIES = ("generator", "seconds", "removed", "race_s")
 
 
 @cache

@@ -161,19 +161,22 @@ def explains(problem: SelectionProblem, selected: list[str], key: str) -> bool:
     gain = problem.gain([*selected, key]) - problem.gain(selected)
     if gain < problem.null_distribution.threshold(key) or not _exceeds_bias(problem, selected, key):
         return False
-    found = fit(problem.equations, problem.rows([*selected, key]), problem.null_distribution.variance_inflation(key))
-    in_bounds = within_bounds(problem, found, problem.parameter_count(key))
+    in_bounds = within_bounds(problem, _fit_beside(problem, selected, key), problem.parameter_count(key))
     return in_bounds and passes_cross_validation(problem, selected, key)
 
 
 def _may_be_chance(problem: SelectionProblem, selected: list[str], key: str) -> bool:
     """Return whether the scatter over the seconds makes one of all effects as significant as this one."""
-    size, inflation = problem.parameter_count(key), problem.null_distribution.variance_inflation(key)
-    found = fit(problem.equations, problem.rows([*selected, key]), inflation)
+    size, found = problem.parameter_count(key), _fit_beside(problem, selected, key)
     wald = found.estimate[-size:] @ solve(found.covariance[-size:, -size:], found.estimate[-size:])
     seconds = np.count_nonzero(problem.equations.samples)
     chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
     return bool(chance > FALSE_SELECTION_RATE / len(problem.slices))
+
+
+def _fit_beside(problem: SelectionProblem, selected: list[str], key: str) -> Fit:
+    """Return the fit of the selected effects and, last, one more."""
+    return fit(problem.equations, problem.rows([*selected, key]), problem.null_distribution.variance_inflation(key))
 
 
 def within_bounds(problem: SelectionProblem, found: Fit, size: int) -> bool:
