@@ -34,6 +34,23 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
 
 
+def compile_without_optimisation() -> None:
+    """Make JAX optimise no code of this process: tests compile more than they compute.
+
+    The simulators that the tests start compute more than they compile. They do not inherit it.
+    """
+    flags = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("XLA_FLAGS", flags)
+        import jax  # after the variables above
+
+        jax.devices()  # reads the flags, once
+
+
+if "XLA_FLAGS" not in os.environ:
+    compile_without_optimisation()
+
+
 def pytest_collection_modifyitems(items):
     """Mark all scenarios as slow."""
     for item in items:

@@ -14,6 +14,7 @@ DETECTOR = Detector()
 DRIFT = Drift(walk=0.03, rate_share=0.02, scale=0.01, yaw_walk_deg=0.6, start_yaw_deg=1.0, coupled=True)
 REST_S = 1.5  # on the podium
 REST = 149  # ticks of it
+SLOW = pytest.mark.slow
 
 
 def warnings(camera=CAMERA, detector=DETECTOR, seed: int = 1, track=TRACK, ticks=None, kind="corners") -> list[str]:
@@ -42,7 +43,7 @@ def assert_named(found: list[str], said: str, value: float) -> None:
     assert deviation < 0.3 * value
 
 
-@pytest.mark.parametrize("seed", (1, 2))
+@pytest.mark.parametrize("seed", (1, pytest.param(2, marks=SLOW)))
 def test_nothing_is_said_about_a_right_calibration(seed):
     assert warnings(seed=seed) == []
 
@@ -72,10 +73,10 @@ def test_an_error_of_lens_or_mount_is_named_before_take_off(camera, said, value)
     [
         (of_lens(pitch_deg=-20.0), "pitch_deg 20 in camera.yaml"),
         (of_lens(roll_deg=90.0), "roll_deg 0 in camera.yaml"),
-        (of_lens(roll_deg=180.0), "roll_deg 0 in camera.yaml"),
+        pytest.param(of_lens(roll_deg=180.0), "roll_deg 0 in camera.yaml", marks=SLOW),
         (of_lens(pitch_deg=0.0, roll_deg=20.0), "pitch_deg 20 and roll_deg 0 in camera.yaml"),
-        (of_lens(pitch_deg=0.0, roll_deg=-20.0), "pitch_deg 20 and roll_deg 0 in camera.yaml"),
-        (of_lens(pitch_deg=0.0, yaw_deg=20.0), "pitch_deg 20 and yaw_deg 0 in camera.yaml"),
+        pytest.param(of_lens(pitch_deg=0.0, roll_deg=-20.0), "pitch_deg 20 and roll_deg 0 in camera.yaml", marks=SLOW),
+        pytest.param(of_lens(pitch_deg=0.0, yaw_deg=20.0), "pitch_deg 20 and yaw_deg 0 in camera.yaml", marks=SLOW),
     ],
 )
 def test_a_mount_with_exchanged_axes_is_named_before_take_off(camera, said):
@@ -93,7 +94,7 @@ def test_an_exchanged_mount_is_named_beside_the_drift_filter_too():
     ("detector", "said", "value"),
     [
         (Detector(readout_s=0.02), r"reads the rows in (\d+) ms, top row first", 20),
-        (Detector(readout_s=-0.02), r"reads the rows in (\d+) ms, bottom row first", 20),
+        pytest.param(Detector(readout_s=-0.02), r"reads the rows in (\d+) ms, bottom row first", 20, marks=SLOW),
         (Detector(delay_s=0.012), r"images exposed (\d+) ms after their stamps", 12),
     ],
 )

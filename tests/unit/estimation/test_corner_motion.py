@@ -1,6 +1,7 @@
 """Velocity and path by the accelerometer: planted errors of it and of the odometry, and one that is wrong."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ TICK_NS, STEP_NS = 10_000_000, 1_000_000  # of the race, and of the fastest IMU
 SETTINGS = settings("state_estimator", EstimatorSettings)
 # Errors like those of the simulated source: slow ones of 1 % of the speed, and hardly any white noise.
 DRIFT = Drift(rate_share=0.012, rate_memory_s=0.5, velocity_share=0.001, start_yaw_deg=0.0, yaw_walk_deg=0.0)
+SEEDS = pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 
 
 def specific_force() -> np.ndarray:
@@ -63,7 +65,7 @@ def difference(states: list[Odometry], others: list[Odometry]) -> float:
     return max(float(np.abs(one.v_body - other.v_body).max()) for one, other in zip(states, others, strict=True))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@SEEDS
 def test_the_velocity_is_better_than_that_of_the_odometry(seed):
     """With a bias of the accelerometer and a tilt of the odometry of half a degree, which is 0.3 m/s^2 at 35 m/s^2."""
     raw = odometry(race(), DRIFT, seed)
@@ -74,10 +76,10 @@ def test_the_velocity_is_better_than_that_of_the_odometry(seed):
     assert changes < 0.7 * raw_changes  # within 0.1 s: what a pilot feels
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@SEEDS
 def test_with_gates_velocity_and_position_are_better_than_without_an_accelerometer(seed):
     """Gates observe attitude and bias, with which the integral of the specific force would drift."""
-    (with_imu, warnings), (without, _) = with_gates(seed, accelerometer()), with_gates(seed, [])
+    (with_imu, warnings), without = with_gates(seed, accelerometer()), with_gates_alone(seed)
     assert not warnings
     assert rms(errors(with_imu)) < 0.6 * rms(errors(without))
     assert rms(position_errors(with_imu)) < 0.9 * rms(position_errors(without))
@@ -97,6 +99,11 @@ def with_gates(seed: int, samples: list[ImuSample]) -> tuple[list[Odometry], lis
             states += output.states
             warnings += output.warnings
     return states, warnings
+
+
+@cache
+def with_gates_alone(seed: int) -> list[Odometry]:
+    return with_gates(seed, [])[0]
 
 
 def position_errors(states: list[Odometry]) -> np.ndarray:
@@ -121,7 +128,7 @@ def turned(axis, degrees: float) -> np.ndarray:
 def test_a_wrong_accelerometer_is_recognised_and_not_used(wrong):
     samples = [replace(each, specific_force_body=wrong @ each.specific_force_body) for each in accelerometer()]
     states, warnings = with_gates(1, samples)
-    without, _ = with_gates(1, [])
+    without = with_gates_alone(1)
     assert [warning.split(";")[0] for warning in warnings] == [
         "the accelerometer does not agree with the odometry, whose velocity is now used without it"
     ]

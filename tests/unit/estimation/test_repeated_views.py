@@ -33,6 +33,7 @@ def test_without_a_bias_all_images_count_in_full():
     assert deviations([0] * 5, bias_share=0.0) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_the_filter_is_not_certain_of_what_a_bias_shifts():
     """Corners with a bias of 0.6 px: the error after a second at rest is within the filter's covariance."""
     detector = Detector(sigma_px=0.15, bias_px=0.6, outliers=0.0, false_gates=0.0)

@@ -89,6 +89,7 @@ def test_without_noise_every_planted_coefficient_is_recovered_within_a_percent(c
         assert rows(result)[name]["value"] == pytest.approx(value, rel=0.01), name
 
 
+@pytest.mark.slow
 def test_a_file_without_a_force_of_the_air_gets_every_coefficient_of_the_paper_s_polynomial():
     summands = {
         "f_x": [-0.15, -0.01, 2e-8, -6e-8],

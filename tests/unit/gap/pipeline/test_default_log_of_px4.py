@@ -43,6 +43,7 @@ def test_the_vehicle_of_the_file_gives_no_finding():
     assert not findings(seed=2)
 
 
+@pytest.mark.slow
 def test_a_mass_is_found_with_its_size():
     found = findings(seed=3, mass=[1.1 * vehicle().mass])
     (one,) = found.values()

@@ -53,7 +53,7 @@ def test_near_the_file_the_search_starts_with_nothing(key, factor):
     assert started(wrong(key, factor)) == {}
 
 
-@pytest.mark.parametrize("factor", [0.1, 10.0])
+@pytest.mark.parametrize("factor", [0.1, pytest.param(10.0, marks=pytest.mark.slow)])
 def test_a_lag_ten_times_off_is_named_with_its_size(factor, monkeypatch):
     monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     file = wrong("motor_time_constant", factor)

@@ -49,6 +49,7 @@ def test_a_cut_propeller_is_named_or_in_a_set():
     assert report["findings"] and all("damaged_propeller" in names for names in named(report)), report["findings"]
 
 
+@pytest.mark.slow
 def test_a_hung_weight_is_named_by_its_mass_or_in_sets_with_it():
     report = diagnosed(seed=4, payload=[0.1, 0.0, 0.0, -0.08])
     allowed = {"payload", "mass", "com_offset", "inertia"}

@@ -44,6 +44,7 @@ def test_planted_drag_and_motor_lag_are_identified_and_reduce_the_errors_on_held
     assert where["motor_time_constant"]["channels"] == [f"rotor_speed_{i}" for i in (1, 2, 3, 4)]
 
 
+@pytest.mark.slow
 def test_propellers_that_stall_are_identified_and_the_repaired_vehicle_leaves_nothing(monkeypatch):
     monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     found = api.diagnose([flight(3, propeller_stall=[2.0])], vehicle(), lambda text: None)
@@ -159,6 +160,7 @@ def test_a_tilted_map_is_distinguished_from_an_accelerometer_bias(monkeypatch):
     assert found == pytest.approx([0.012, -0.007], abs=0.0015)
 
 
+@pytest.mark.slow
 def test_a_knocked_out_drag_becomes_an_equation_which_the_repaired_vehicle_flies(monkeypatch):
     monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     recording = flight(4, linear_drag=[0.3, 0.3, 0.45])

@@ -255,6 +255,7 @@ def dumped(vehicle: Vehicle, seconds: float = 5.0) -> FlightTable:
     )
 
 
+@pytest.mark.slow
 def test_a_whole_set_up_is_replayed_within_two_hundredths(tmp_path):
     """Smoothing, feed-forward, RPM filter, notches, TPA, anti-gravity and boost as the firmware ships them."""
     (tmp_path / "diff.txt").write_text("# Betaflight / STM32F7X2 (S7X2) 4.5.1\nfeature AIRMODE\nset p_roll = 45\n")

@@ -96,7 +96,7 @@ def test_gates_are_associated_with_the_map_and_false_detections_are_left_out():
         pytest.param("camera_focal", [0.01, 1.5, -1.0], 0.05, marks=pytest.mark.slow),
         pytest.param("rolling_shutter", [0.012], 0.05, marks=pytest.mark.slow),
         pytest.param("processing_latency", [0.008], 0.05, marks=pytest.mark.slow),
-        ("gate_displaced[3]", [0.15, -0.1, 0.05, 0.06], 0.1),
+        pytest.param("gate_displaced[3]", [0.15, -0.1, 0.05, 0.06], 0.1, marks=pytest.mark.slow),
     ],
 )
 def test_a_planted_error_alone_is_identified_with_its_size(key, values, close):

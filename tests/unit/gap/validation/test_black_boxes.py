@@ -117,6 +117,7 @@ def repaired() -> tuple:
     return drag, inject(vehicle(), drag, [DRAG])
 
 
+@pytest.mark.slow
 def test_repair_and_remainder_together_predict_the_unseen_part_better_than_repair_or_black_boxes_alone():
     with jax.enable_x64(True):
         found = holdout.validate((strange_flight(3)[1],), vehicle(), repaired()[1], ())
