@@ -143,6 +143,7 @@ def test_time_is_stopped_until_a_tick_is_answered_and_its_frame_has_arrived(peer
     assert report["thrust_to_weight"][0] == pytest.approx(4.1, abs=0.05)
 
 
+@pytest.mark.slow
 def test_the_same_answers_give_the_same_hashes(peer, start):
     peer.connect(start(seed=1003))
     for k in range(30):

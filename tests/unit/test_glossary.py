@@ -4,6 +4,7 @@ import ast
 import io
 import re
 import tokenize
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -90,12 +91,17 @@ def hits_in_code(path: str, source: str, retired: tuple[set[str], set[str]]) -> 
 
 def hits_in_text(path: str, text: str, words: set[str], first_line: int = 1) -> list[Hit]:
     """Return the uses of words in a text that begins at a line of a file."""
-    pattern = re.compile(rf"(?i)(?<![a-z])({'|'.join(sorted(words))})(?![a-z])")
+    pattern = pattern_of(frozenset(words))
     return [
         Hit(path, first_line + number, match[1].lower(), line.strip()[:100])
         for number, line in enumerate(text.splitlines())
         for match in pattern.finditer(ALLOWED_TEXT.sub("", line))
     ]
+
+
+@cache
+def pattern_of(words: frozenset[str]) -> re.Pattern:
+    return re.compile(rf"(?i)(?<![a-z])({'|'.join(sorted(words))})(?![a-z])")
 
 
 def identifiers(tree: ast.Module) -> set[tuple[str, int]]:
@@ -112,6 +118,7 @@ def identifiers(tree: ast.Module) -> set[tuple[str, int]]:
     return found
 
 
+@cache
 def parts(name: str) -> set[str]:
     """Return the words of an identifier: its parts between underscores and capitals."""
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)

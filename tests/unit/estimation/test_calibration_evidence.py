@@ -72,7 +72,7 @@ def test_an_error_of_lens_or_mount_is_named_before_take_off(camera, said, value)
     ("camera", "said"),
     [
         (of_lens(pitch_deg=-20.0), "pitch_deg 20 in camera.yaml"),
-        (of_lens(roll_deg=90.0), "roll_deg 0 in camera.yaml"),
+        pytest.param(of_lens(roll_deg=90.0), "roll_deg 0 in camera.yaml", marks=SLOW),
         pytest.param(of_lens(roll_deg=180.0), "roll_deg 0 in camera.yaml", marks=SLOW),
         (of_lens(pitch_deg=0.0, roll_deg=20.0), "pitch_deg 20 and roll_deg 0 in camera.yaml"),
         pytest.param(of_lens(pitch_deg=0.0, roll_deg=-20.0), "pitch_deg 20 and roll_deg 0 in camera.yaml", marks=SLOW),
@@ -93,7 +93,7 @@ def test_an_exchanged_mount_is_named_beside_the_drift_filter_too():
 @pytest.mark.parametrize(
     ("detector", "said", "value"),
     [
-        (Detector(readout_s=0.02), r"reads the rows in (\d+) ms, top row first", 20),
+        pytest.param(Detector(readout_s=0.02), r"reads the rows in (\d+) ms, top row first", 20, marks=SLOW),
         pytest.param(Detector(readout_s=-0.02), r"reads the rows in (\d+) ms, bottom row first", 20, marks=SLOW),
         (Detector(delay_s=0.012), r"images exposed (\d+) ms after their stamps", 12),
     ],

@@ -119,8 +119,8 @@ def turned(axis, degrees: float) -> np.ndarray:
     "wrong",
     [
         pytest.param(turned([0.0, 0.0, 1.0], 90.0), id="forward is left"),
-        pytest.param(-np.eye(3), id="upside down"),
-        pytest.param(turned([1.0, 0.0, 0.0], 5.0), id="five degrees of roll"),
+        pytest.param(-np.eye(3), id="upside down", marks=pytest.mark.slow),
+        pytest.param(turned([1.0, 0.0, 0.0], 5.0), id="five degrees of roll", marks=pytest.mark.slow),
         pytest.param(1.05 * np.eye(3), id="a scale of 1.05"),
         pytest.param(np.eye(3) / GRAVITY, id="in units of g"),
     ],

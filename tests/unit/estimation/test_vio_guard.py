@@ -191,7 +191,7 @@ def test_the_error_names_an_unknown_frame():
         guard(velocity_frame="ned")
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", [*range(10), *(pytest.param(n, marks=pytest.mark.slow) for n in range(10, 40))])
 def test_odometry_that_fails_is_not_believed_and_the_true_one_is_found_again(seed):
     """Noise, jumps, ramps, frozen and replayed samples, in flight and at rest; the guard has the IMU."""
     flown = bad_flight(seed)

@@ -209,6 +209,7 @@ def test_blackbird_flies_with_rotor_drag(tmp_path, shared_data):
         assert errors["after"] < 0.8 * errors["before"]
 
 
+@pytest.mark.slow
 def test_the_coefficients_of_an_equation_are_estimated_again_with_their_variances():
     def equation(force: float, moment: float) -> dict:
         return {

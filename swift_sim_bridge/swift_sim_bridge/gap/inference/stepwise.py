@@ -148,8 +148,12 @@ def accepts(problem: SelectionProblem, selected: list[str], key: str) -> tuple[b
     """Return whether an effect may be added to those selected, and its significance in standard deviations."""
     gain = problem.gain([*selected, key]) - problem.gain(selected)
     size, inflation = problem.parameter_count(key), problem.null_distribution.variance_inflation(key)
-    sigma = significance(gain / inflation, size)
-    return explains(problem, selected, key) and not _may_be_chance(problem, selected, key), sigma
+    accepted = (
+        _exceeds_references(problem, selected, key)
+        and not _may_be_chance(problem, selected, key)
+        and passes_cross_validation(problem, selected, key)  # last: it takes longest
+    )
+    return accepted, significance(gain / inflation, size)
 
 
 def explains(problem: SelectionProblem, selected: list[str], key: str) -> bool:
@@ -158,11 +162,15 @@ def explains(problem: SelectionProblem, selected: list[str], key: str) -> bool:
     It must be physical, and it must predict blocks that its fit has not used. This alone does not show that it is
     there, as each of many effects may do so by chance.
     """
+    return _exceeds_references(problem, selected, key) and passes_cross_validation(problem, selected, key)
+
+
+def _exceeds_references(problem: SelectionProblem, selected: list[str], key: str) -> bool:
+    """Return whether an effect, added to those selected, is physical and has a gain that reference flights lack."""
     gain = problem.gain([*selected, key]) - problem.gain(selected)
     if gain < problem.null_distribution.threshold(key) or not _exceeds_bias(problem, selected, key):
         return False
-    in_bounds = within_bounds(problem, _fit_beside(problem, selected, key), problem.parameter_count(key))
-    return in_bounds and passes_cross_validation(problem, selected, key)
+    return within_bounds(problem, _fit_beside(problem, selected, key), problem.parameter_count(key))
 
 
 def _may_be_chance(problem: SelectionProblem, selected: list[str], key: str) -> bool:

@@ -39,6 +39,7 @@ def findings(seed: int, **planted) -> dict:
     return {one["effect"]: one for one in report["findings"]}
 
 
+@pytest.mark.slow
 def test_the_vehicle_of_the_file_gives_no_finding():
     assert not findings(seed=2)
 

@@ -117,6 +117,7 @@ def test_a_damaged_propeller_in_a_hover_is_identified_and_not_as_a_shifted_centr
     assert found["parameters"]["loss"]["value"] == pytest.approx(0.024, rel=0.05)
 
 
+@pytest.mark.slow
 def test_half_the_inertia_is_identified_although_to_first_order_it_looks_like_none(monkeypatch):
     monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     half = np.diag(vehicle().inertia_matrix) * [1.0, 1.0, 0.5]

@@ -109,6 +109,7 @@ def found_in(table: FlightTable, vehicle: Vehicle = VEHICLE):
     return api.diagnose([table], vehicle, lambda text: None, validate=False)
 
 
+@pytest.mark.slow
 def test_a_log_with_the_settings_of_the_file_gives_no_finding(monkeypatch):
     monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 8)
     report = found_in(log(3, feedforward=0.02)).report
