@@ -49,7 +49,6 @@ def changed(job, **values):
     return dataclasses.replace(job, settings=dataclasses.replace(job.settings, **values))
 
 
-@pytest.mark.slow
 def test_an_interrupted_training_resumes_and_ends_with_a_model(job, tmp_path, monkeypatch):
     renew, calls = train.Pool.renew, []
 
