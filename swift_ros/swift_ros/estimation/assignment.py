@@ -84,7 +84,7 @@ class Assignment:
         corners_map: corners (n, 4, 3) of the map's gates, m, in the order along the passage.
         p_body_camera: optical centre (3,) in the body frame, m.
         gate: largest chi-square of the eight residuals of a whole gate. With fewer corners it is less in proportion,
-            and so stricter (99 instead of 99.9 % with two): they say less about which gate they belong to.
+            and so stricter (94 instead of 98 % with two): they say less about which gate they belong to.
         margin: smallest chi-square difference to any other hypothesis.
     """
 
