@@ -16,3 +16,13 @@ def test_a_sealed_batch_has_no_false_alarm_and_no_wrong_confirmed_effect(tmp_pat
     large = [record for record in records if record["honest"] is not None]
     assert large and all(record["honest"] for record in large)  # by its name, or in a set of confounders
     assert all(record["removed"] > 0.8 for record in large if record.get("removed") is not None)
+
+
+def test_a_pose_and_motor_commands_alone_show_a_load_and_a_cut_propeller(tmp_path):
+    """The load first looks like a wrong motor map, and the pack was not full at the first row."""
+    entries = [
+        plan.Entry(f"flight-{number:04d}", "own", "pose_commands", seed) for number, seed in ((1, 6017), (2, 6076))
+    ]
+    records = runner.run(entries, tmp_path / "cases", progress=lambda line: None)
+    assert [record["named"] for record in records] == [["payload"], ["damaged_propeller[4]"]]
+    assert all(record["exact"] and record["verdict"] == "confirmed" for record in records)

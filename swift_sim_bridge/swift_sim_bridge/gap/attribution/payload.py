@@ -24,7 +24,7 @@ from swift_sim_bridge.physics.terms.airframe import REACH_M
 
 PARTS = ("mass", "com_offset", "inertia")  # effects that a load consists of
 REPLACED = (*PARTS, "thrust_coefficient")  # effects that may stand for a load; less thrust is similar to more mass
-REPLACED_WITHOUT_ROTOR_SPEEDS = (*REPLACED, "rotor_gain")  # where these were not measured: slower rotors lift less
+REPLACED_WITHOUT_ROTOR_SPEEDS = (*REPLACED, "rotor_gain", "motor_map")  # slower rotors, too, lift less
 MIRRORED = np.array([1.0, 1.0, 1.0, -1.0])  # above for below: the inertia is nearly the same, and a fit may end there
 MAX_INERTIA_BIAS_SHARE = 0.05  # of the inertia; a larger bias of the pipeline leaves the position of a load unknown
 MIN_IMPROVEMENT = 14.0  # squares, penalties included, by which the load must be better; larger keeps its parts longer

@@ -19,7 +19,7 @@ from swift_sim_bridge.gap.attribution.payload import select_payload
 from swift_sim_bridge.gap.attribution.process_noise import with_recorded_noise
 from swift_sim_bridge.gap.attribution.stepwise_search import other_variants, problem_without_variants, select_stepwise
 from swift_sim_bridge.gap.attribution.unexplained import unexplained_channels
-from swift_sim_bridge.gap.attribution.used_pack import used_pack
+from swift_sim_bridge.gap.attribution.used_pack import is_of_used_pack, used_pack
 from swift_sim_bridge.gap.attribution.wind import select_local_wind
 from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
@@ -144,10 +144,12 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
     found = []
     for key in keys:
         others, effect = [other for other in keys if other != key], effects[key]
+        change = values[key] - file_values(effect, vehicle)
+        if is_of_used_pack(change, covariance[key], lower_pack[key]):
+            continue
         _, significance = stepwise.accepts(problem, others, key)
         own = bare if effect.exclusive else problem
         confounders = find_confounders(own, keys, key, other_variants(others, effects))
-        change = values[key] - file_values(effect, vehicle)
         changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
         certain = few and key not in explanation.uncertain and not explanation.terms

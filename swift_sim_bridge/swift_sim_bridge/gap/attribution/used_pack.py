@@ -5,6 +5,7 @@ recordings begin after the take-off. The charge that was drawn before looks like
 """
 
 import numpy as np
+from scipy.stats import chi2
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect, Parameter
@@ -14,6 +15,7 @@ from swift_sim_bridge.gap.inference.marginal import Rival
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, parameter_steps
 
+CHANCE = 0.003  # probability of a change that differs as much from what a used pack explains, three standard errors
 SECONDS_BEFORE = 5.0  # of a hover before the first row: take-off and the way to the place where a recording begins
 LOWER_PACK = Effect(
     id="lower_pack",
@@ -47,6 +49,23 @@ def used_pack(
     shift = -_volts_lost_before(vehicle) * slope
     errors = {effect.key: np.sqrt(np.diag(covariance[effect.key])) for effect in effects}
     return {key: (Rival(1.0, shift[rows], errors[key]),) for key, rows in parameter_slices(tuple(effects)).items()}
+
+
+def is_of_used_pack(change: np.ndarray, covariance: np.ndarray, lower_pack: tuple[Rival, ...]) -> bool:
+    """Return whether a pack that was used for at most SECONDS_BEFORE explains an effect, and so its confounders.
+
+    Args:
+        change: (k,) of its parameters from the file's values, under a full pack.
+        covariance: (k, k) of the change.
+        lower_pack: the explanation in which the pack was used, if there is one.
+    """
+    for pack in lower_pack:
+        along = solve(covariance, pack.shift)
+        share = -(change @ along) / max(pack.shift @ along, 1e-300)  # of the charge of SECONDS_BEFORE
+        remainder = change + min(share, 1.0) * pack.shift
+        if share > 0.0 and chi2.sf(remainder @ solve(covariance, remainder), len(change)) > CHANCE:
+            return True
+    return False
 
 
 def _volts_lost_before(vehicle: Vehicle) -> float:
