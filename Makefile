@@ -9,6 +9,9 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
+# Where it is set, as in many containers, each process would compile all modules that it imports again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help setup race test fuzz scenarios faults referee lint types view docs check-docs bench clean
 
