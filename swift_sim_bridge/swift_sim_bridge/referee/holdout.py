@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_sim_bridge.referee.simulator.flight import LOOP_S, STEP_S, STEPS, Truth, rk4
+from swift_sim_bridge.referee.simulator.flight import LOOP_S, STEP_S, STEPS, Truth, in_parts, rk4
 from swift_sim_bridge.referee.simulator.plant import Inputs, State, plant_of
 from swift_sim_bridge.referee.simulator.polynomial import summands_of
 from swift_sim_bridge.referee.simulator.vectors import parts
@@ -33,6 +33,8 @@ def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
         built = [plant_of(content, summands, contents) for content in contents]
         plant = jax.tree.map(lambda *rows: np.repeat(np.stack(rows, axis=-1), len(begins), axis=-1), *built)
         start = State(*(_tiled(getattr(truth, name)[begins], len(contents)) for name in State._fields))
+        if not plant["blind"]:  # a memory of laws that act in another flight of the group
+            start = start._replace(memory=start.memory[:0])
         commands = np.stack([truth.u[i : i + PASSES] for i in begins], axis=-1)
         commands = np.concatenate([commands] * len(contents), axis=-1)
         end, attitude = map(np.asarray, _rolled(start, commands, plant))
@@ -67,7 +69,7 @@ def _tiled(values, count: int):
 @jax.jit
 def _rolled(start: State, commands, plant):
     """Return positions (3, b) and attitudes (4, b) at the ends of b windows, with commands (passes, rotors, b)."""
-    state = State(*(parts(row) if jnp.ndim(row) > 1 else row for row in start))
+    state = in_parts(start)
     nothing = (0.0, 0.0, 0.0)
 
     def step(state, u):

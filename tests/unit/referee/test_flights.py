@@ -1,5 +1,6 @@
 """The referee's flights: pilot, commands, air and paths, what an effect changes, and what the instruments read."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -131,6 +132,8 @@ def test_the_removed_share_is_one_for_the_true_vehicle_zero_for_the_nominal_and_
     assert holdout.removed_share(truth, nominal, half, true) == pytest.approx(0.5, abs=0.1)
     assert holdout.removed_share(truth, true, true, true) is None
     assert holdout.rollout_errors(truth, [true])[0] < 1e-6
+    beside_memory = replace(truth, memory=np.ones((len(truth.t), 3)))  # flown in a group with a law that has memory
+    assert holdout.rollout_errors(beside_memory, [true])[0] < 1e-6
 
 
 def test_a_late_pose_is_an_earlier_pose_and_markers_have_their_offset():
