@@ -157,6 +157,20 @@ def test_the_smaller_terms_of_a_long_equation_are_folded_and_a_ratio_has_no_unit
     assert "()" not in html and "[]" not in html and "[1]" not in html
 
 
+@pytest.mark.parametrize(
+    ("equation", "explained", "absent"),
+    [
+        ("T_i (1 - loss)", "T: thrust", "m_p, r: its mass and place"),
+        ("J = J_0 + (r^2 1 - r r^T) M m_p / m", "m_p, r: its mass and place", "T: thrust"),
+    ],
+    ids=["thrust", "transposed"],
+)
+def test_the_page_explains_the_symbols_of_an_equation(equation, explained, absent):
+    """The T of a transposed vector is no thrust."""
+    html = page(REPORT | {"findings": [TENTATIVE | {"equation": equation}]})
+    assert explained in html and absent not in html
+
+
 def test_findings_stand_in_the_order_of_the_error_that_they_remove():
     small, large = (TENTATIVE | {"effect": name, "removes": share} for name, share in (("wind", 0.001), ("mass", 0.7)))
     report = REPORT | {"findings": [small, FINDING, large]}
