@@ -9,7 +9,7 @@ from swift_ros import configuration
 from swift_sim_bridge.commands import train as command
 
 FOLDER = configuration.configuration_folder()
-TINY = {"interactions": 256, "agents": 4, "steps": 16, "minibatch": 32, "epochs": 1, "trial_every": 64}
+TINY = {"interactions": 256, "agents": 4, "steps": 16, "trial_every": 64}
 TINY |= {"trial_races": 2, "final_races": 2}
 TINY |= {"fine_tuning": {"interactions": 128, "critic_first": 64, "schedule_share": 0.75}}
 
@@ -21,6 +21,7 @@ def write_configuration(folder):
         (folder / name).write_text((FOLDER / name).read_text())
     training = yaml.safe_load((FOLDER / "training.yaml").read_text())
     training["policy"] |= TINY
+    training["policy"]["ppo"] |= {"minibatch": 32, "epochs": 1}
     training["policy"]["environment"] |= {"bank_size": 4, "bank_fixed": 2}
     (folder / "training.yaml").write_text(yaml.safe_dump(training))
 

@@ -165,8 +165,7 @@ def _steps(bench: Bench, training):
 
 
 def _roll_out(bench: Bench, training):
-    schedule = schedule_at(bench.settings, bench.plan, training.updates)
-    return ppo.roll_out(bench.world, bench.settings, training, schedule, training.key)
+    return ppo.roll_out(bench.world, bench.settings, bench.plan, training, training.key)
 
 
 def table(measured: dict[str, Any]) -> list[tuple[str, ...]]:

@@ -17,7 +17,16 @@ from swift_sim_bridge.pilot import networks
 from swift_sim_bridge.pilot.episodes import environment, randomization, starts
 from swift_sim_bridge.pilot.episodes.randomization import TICK
 from swift_sim_bridge.pilot.learner import MIN_LEARNING_RATE, Training, make_optimizer, mean_over_devices
-from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, largest_divisor, schedule_at
+from swift_sim_bridge.pilot.settings import (
+    Plan,
+    PolicySettings,
+    PpoSettings,
+    geometric,
+    largest_divisor,
+    linear,
+    schedule_at,
+    share_at,
+)
 
 BLOCK = 128  # rows whose activations stay in the cache of a core: gradients of more rows at once take longer there
 
@@ -56,12 +65,21 @@ class Rows(NamedTuple):
     target: jnp.ndarray
 
 
-def roll_out(world, settings: PolicySettings, training: Training, schedule: Schedule, key):
+def own_settings(settings: PolicySettings) -> PpoSettings:
+    """Return the section that this algorithm alone reads. Raises ValueError on settings of another one."""
+    if settings.ppo is None:
+        raise ValueError(f"settings of '{settings.algorithm}' have no section 'ppo'")
+    return settings.ppo
+
+
+def roll_out(world, settings: PolicySettings, plan: Plan, training: Training, key):
     """Fly `steps` ticks with the device's agents under the exploring policy; return (agents, bank, batch).
 
     Finished episodes are reset. `key` is the same on all devices, and the bank too. All random numbers are drawn at
     once, and starts for the few episodes that end: drawing them in each tick takes longer than flying.
     """
+    schedule = schedule_at(settings, plan, training.updates)
+    sigma = geometric(own_settings(settings).sigma, share_at(settings, plan, training.updates))
     actor, critic = training.networks["actor"], training.networks["critic"]
     n, steps = training.agents.age.shape[0], settings.steps
     bank_key, own_key = jax.random.split(key)
@@ -77,7 +95,7 @@ def roll_out(world, settings: PolicySettings, training: Training, schedule: Sche
         agents, earned = carry
         number, noise, innovation = row
         policy_observation, observation = environment.observations(world, agents)
-        unclipped = networks.apply(actor, policy_observation) + schedule.sigma * noise
+        unclipped = networks.apply(actor, policy_observation) + sigma * noise
         value = networks.apply(critic, observation)[:, 0]
         action = jnp.clip(unclipped, -1.0, 1.0)
         moved, outcome = environment.step(world, agents, action, innovation, schedule.rewards, schedule.guide_reach_m)
@@ -93,7 +111,7 @@ def roll_out(world, settings: PolicySettings, training: Training, schedule: Sche
     return agents, starts.store(training.bank, earned, bank_key, settings.environment.bank_fixed), batch
 
 
-def advantages(settings: PolicySettings, outcome: environment.Outcome, values, last_value, gae):
+def advantages(settings: PpoSettings, outcome: environment.Outcome, values, last_value, gae):
     """Return the generalised advantages (steps, agents).
 
     An episode that only ran out of time is continued by the value of its last observation.
@@ -126,7 +144,7 @@ def loss(parameters, rows: Rows, sigma, clip: float):
         parameters: {"actor", "critic"}.
         rows: of the batch.
         sigma: standard deviation of the exploration.
-        clip: see `PolicySettings`.
+        clip: see `PpoSettings`.
     """
     mean = networks.apply(parameters["actor"], rows.observation[:, :OBSERVATION_SIZE])
     log_ratio = 0.5 * jnp.sum(rows.noise**2 - ((rows.unclipped_action - mean) / sigma) ** 2, axis=-1)
@@ -150,7 +168,8 @@ def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, lea
         learning_rates: of "actor" and "critic".
         key: of the order.
     """
-    optimizer, minibatches = make_optimizer(settings), settings.batch // settings.minibatch
+    own, optimizer = own_settings(settings), make_optimizer(settings)
+    minibatches = settings.batch // own.minibatch
     size = largest_divisor(rows.target.shape[0] // minibatches, BLOCK if jax.default_backend() == "cpu" else None)
     blocks = jax.tree.map(lambda row: jnp.reshape(row, (-1, size, *row.shape[1:])), rows)
 
@@ -163,7 +182,7 @@ def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, lea
         def add(total, number):
             block = jax.tree.map(lambda row: jax.lax.dynamic_index_in_dim(row, number, keepdims=False), blocks)
             block = block._replace(advantage=(block.advantage - mean) / deviation)
-            gradient, divergence = jax.grad(loss, has_aux=True)(parameters, block, sigma, settings.clip)
+            gradient, divergence = jax.grad(loss, has_aux=True)(parameters, block, sigma, own.clip)
             return jax.tree.map(jnp.add, total, gradient), divergence
 
         gradient, divergence = jax.lax.scan(add, jax.tree.map(jnp.zeros_like, parameters), chosen)
@@ -180,18 +199,20 @@ def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, lea
         return jax.lax.scan(minibatch, carry, order)
 
     carry = (training.networks, training.optimizer)
-    (parameters, state), divergence = jax.lax.scan(epoch, carry, jax.random.split(key, settings.epochs))
+    (parameters, state), divergence = jax.lax.scan(epoch, carry, jax.random.split(key, own.epochs))
     return parameters, state, mean_over_devices(jnp.mean(divergence[-1]))
 
 
 def update(world, settings: PolicySettings, plan: Plan, training: Training):
     """Return (training after one update, its figures by name)."""
     key, fly_key, learn_key = jax.random.split(training.key, 3)
-    schedule = schedule_at(settings, plan, training.updates)
-    agents, bank, batch = roll_out(world, settings, training, schedule, fly_key)
+    schedule, share = (at(settings, plan, training.updates) for at in (schedule_at, share_at))
+    own = own_settings(settings)
+    sigma = geometric(own.sigma, share)
+    agents, bank, batch = roll_out(world, settings, plan, training, fly_key)
     _, last_observation = environment.observations(world, agents)
     last_value = networks.apply(training.networks["critic"], last_observation)[..., 0]
-    advantage = advantages(settings, batch.outcome, batch.value, last_value, schedule.gae)
+    advantage = advantages(own, batch.outcome, batch.value, last_value, linear(own.gae, share))
     target = advantage + batch.value
     rows = Rows(batch.observation, batch.unclipped_action, batch.noise, advantage, target)
     rows = jax.tree.map(lambda row: jnp.reshape(row, (-1, *row.shape[2:])), rows)
@@ -203,8 +224,8 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
         # the actor does not change, as fast as a new one.
         rates["actor"] = jnp.where(critic_only, 0.0, learning_rate)
         rates["critic"] = jnp.where(critic_only, settings.learning_rate[0], schedule.learning_rate_cap)
-    parameters, state, divergence = descend(settings, training, rows, schedule.sigma, rates, learn_key)
-    relative = divergence / settings.kl_target
+    parameters, state, divergence = descend(settings, training, rows, sigma, rates, learn_key)
+    relative = divergence / own.kl_target
     factor = jnp.where(relative > 1.5, 1 / 1.2, jnp.where(relative < 1 / 1.5, 1.2, 1.0))
     if plan.critic_first:
         factor = jnp.where(critic_only, 1.0, factor)
@@ -215,7 +236,7 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
     figures = {f"{name}_per_s": mean_over_devices(jnp.mean(each) / TICK) for name, each in events.items()} | {
         "kl": divergence,
         "learning_rate": learning_rate,
-        "sigma": schedule.sigma,
+        "sigma": sigma,
         "difficulty": schedule.difficulty,
         "explained": mean_over_devices(1 - jnp.var(advantage) / jnp.var(target)),
     }

@@ -39,6 +39,31 @@ class FineTuning:
 
 
 @dataclasses.dataclass(frozen=True)
+class PpoSettings:
+    """Section `policy.ppo` of config/training.yaml: what proximal policy optimisation alone reads.
+
+    Attributes:
+        minibatch: interactions in one gradient step; divides agents x steps.
+        epochs: passes over the interactions of one update.
+        clip: largest relative change of an action's probability that is rewarded.
+        discount: of rewards, a tick.
+        gae: lambda of the generalised advantages, a schedule.
+        sigma: standard deviation of the exploration, in units of the action, a schedule.
+        kl_target: divergence of one update above which the learning rate falls and below which it rises.
+        reward_scale: factor on all rewards.
+    """
+
+    minibatch: int = within(1)
+    epochs: int = within(1, 1000)
+    clip: float = within(0.001, 1.0)
+    discount: float = within(0.0, 0.99999)
+    gae: tuple[float, float] = within(0.0, 1.0)
+    sigma: tuple[float, float] = within(0.001, 10.0)
+    kl_target: float = within(1e-6, 10.0)
+    reward_scale: float = within(1e-6)
+
+
+@dataclasses.dataclass(frozen=True)
 class PolicySettings:
     """Section `policy` of config/training.yaml.
 
@@ -48,25 +73,17 @@ class PolicySettings:
     Attributes:
         rewards: scale of each term of `rewards.TERMS`.
         algorithm: "ppo", or "backpropagation" for a pilot that flies already (`backpropagation`). That flies `agents`
-            races of `steps` ticks an update, and of the settings below reads those of the length, `learning_rate` and
-            `gradient_norm`, the difficulty and the trials.
+            races of `steps` ticks an update, and its learning rate is that of the schedule.
+        ppo: see `PpoSettings`; None with another algorithm.
         environment: see `EnvironmentSettings`.
         estimate_errors: see `EstimateErrors`.
         fine_tuning: see `FineTuning`.
         interactions: length of the training.
         agents: races that are flown side by side.
         steps: ticks of every agent between two updates.
-        minibatch: interactions in one gradient step; divides agents x steps.
-        epochs: passes over the interactions of one update.
-        clip: largest relative change of an action's probability that is rewarded.
-        discount: of rewards, a tick.
-        gae: lambda of the generalised advantages.
-        sigma: standard deviation of the exploration, in units of the action.
         guide_reach_m: distance from the guide at which an episode ends as a crash.
         learning_rate: upper bound; the actual rate follows the Kullback-Leibler divergence of the updates.
-        kl_target: divergence of one update above which the learning rate falls and below which it rises.
         gradient_norm: gradients are clipped to this norm.
-        reward_scale: factor on all rewards.
         difficulty_from, difficulty_full: shares of the schedules at which randomisation begins and is complete; where
             the first is 1 it never begins.
         trial_every: interactions between two trials.
@@ -81,25 +98,22 @@ class PolicySettings:
     interactions: int = within(1)
     agents: int = within(1, 1_000_000)
     steps: int = within(1, 100_000)
-    minibatch: int = within(1)
-    epochs: int = within(1, 1000)
-    clip: float = within(0.001, 1.0)
-    discount: float = within(0.0, 0.99999)
-    gae: tuple[float, float] = within(0.0, 1.0)
-    sigma: tuple[float, float] = within(0.001, 10.0)
     guide_reach_m: tuple[float, float] = within(0.1, 1000.0)
     learning_rate: tuple[float, float] = within(1e-8, 1.0)
-    kl_target: float = within(1e-6, 10.0)
     gradient_norm: float = within(1e-6)
-    reward_scale: float = within(1e-6)
     difficulty_from: float = within(0.0, 1.0)
     difficulty_full: float = within(0.0, 100.0)
     trial_every: int = within(1)
     trial_races: int = within(1, 100_000)
     final_races: int = within(1, 1_000_000)
+    ppo: PpoSettings | None = None
 
     def __post_init__(self):
         refuse_outside(ALGORITHMS, algorithm=self.algorithm)
+        if self.algorithm == "ppo" and self.ppo is None:
+            raise ValueError("algorithm 'ppo' lacks its section 'ppo'; take that of the shipped training.yaml")
+        if self.algorithm != "ppo" and self.ppo is not None:
+            raise ValueError(f"algorithm '{self.algorithm}' does not read the section 'ppo'; remove it")
         undefined = set(self.rewards) - set(rewards.TERMS)
         if undefined:
             raise ValueError(f"unknown reward '{min(undefined)}'; known are {', '.join(rewards.TERMS)}")
@@ -110,8 +124,8 @@ class PolicySettings:
             raise ValueError("'rewards' are all 0, so nothing is learned; give scales above 0")
         if self.batch % self.minibatch:
             raise ValueError(
-                f"'minibatch' {described(self.minibatch)} must divide agents x steps, {self.agents} x {self.steps} = "
-                f"{self.batch}; give {largest_divisor(self.batch, self.minibatch)}, or another divisor"
+                f"'ppo.minibatch' {described(self.minibatch)} must divide agents x steps, {self.agents} x {self.steps} "
+                f"= {self.batch}; give {largest_divisor(self.batch, self.minibatch)}, or another divisor"
             )
         if not self.difficulty_from < self.difficulty_full:
             cure = "give a larger one" if self.difficulty_from == self.difficulty_full else "exchange them"
@@ -124,6 +138,11 @@ class PolicySettings:
     def batch(self) -> int:
         """Interactions of one update."""
         return self.agents * self.steps
+
+    @property
+    def minibatch(self) -> int:
+        """Interactions in one gradient step."""
+        return self.ppo.minibatch if self.ppo else self.batch
 
 
 def largest_divisor(number: int, limit: int | None) -> int:
@@ -164,8 +183,6 @@ class Plan:
 class Schedule(NamedTuple):
     """The scheduled values of one update; names as in `PolicySettings`."""
 
-    sigma: jnp.ndarray
-    gae: jnp.ndarray
     learning_rate_cap: jnp.ndarray
     difficulty: jnp.ndarray
     rewards: dict
@@ -175,23 +192,28 @@ class Schedule(NamedTuple):
 def schedule_at(settings: PolicySettings, plan: Plan, updates) -> Schedule:
     """Return the schedule after `updates` updates.
 
-    Sigma, learning rate and the guide's reach change geometrically, the rest linearly.
+    Learning rate and the guide's reach change geometrically, the rest linearly.
     """
-    place = plan.place(updates * float(settings.batch))
-    share = jnp.clip(place / plan.schedule, 0.0, 1.0)
-
-    def linear(pair):
-        return pair[0] + share * (pair[1] - pair[0])
-
-    def geometric(pair):
-        return pair[0] * (pair[1] / pair[0]) ** share
-
+    share = share_at(settings, plan, updates)
     ramp = (share - settings.difficulty_from) / (settings.difficulty_full - settings.difficulty_from)
     return Schedule(
-        geometric(settings.sigma),
-        linear(settings.gae),
-        geometric(settings.learning_rate),
+        geometric(settings.learning_rate, share),
         jnp.clip(ramp, 0.0, 1.0),
-        {name: linear(pair) for name, pair in settings.rewards.items()},
-        geometric(settings.guide_reach_m),
+        {name: linear(pair, share) for name, pair in settings.rewards.items()},
+        geometric(settings.guide_reach_m, share),
     )
+
+
+def share_at(settings: PolicySettings, plan: Plan, updates) -> jnp.ndarray:
+    """Return the place on the schedules after `updates` updates, 0 to 1."""
+    return jnp.clip(plan.place(updates * float(settings.batch)) / plan.schedule, 0.0, 1.0)
+
+
+def linear(pair: tuple[float, float], share) -> jnp.ndarray:
+    """Return the value between two of a schedule that changes by the same amount everywhere."""
+    return pair[0] + share * (pair[1] - pair[0])
+
+
+def geometric(pair: tuple[float, float], share) -> jnp.ndarray:
+    """Return the value between two of a schedule that changes by the same factor everywhere."""
+    return pair[0] * (pair[1] / pair[0]) ** share

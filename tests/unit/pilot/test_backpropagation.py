@@ -23,7 +23,7 @@ SETTINGS = replace(
     algorithm="backpropagation",
     agents=RACES,
     steps=TICKS,
-    minibatch=RACES * TICKS,
+    ppo=None,
     rewards={"progress": (1.0, 1.0), "risk": (1.0, 1.0)},
     learning_rate=(RATE, RATE),
 )

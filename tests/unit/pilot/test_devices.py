@@ -27,7 +27,8 @@ def test_two_devices_learn_from_their_halves_what_one_learns_from_all_rows():
     given = networks.make_actor_and_critic(keys[0], SIZE, learner.CRITIC_SIZE)
     shapes = ((512, learner.CRITIC_SIZE), (512, 4), (512, 4), (512,), (512,))
     rows = ppo.Rows(*(jax.random.normal(key, shape) for key, shape in zip(keys[1:], shapes, strict=True)))
-    settings = replace(SETTINGS, agents=32, steps=16, minibatch=512, epochs=2)
+    own = replace(ppo.own_settings(SETTINGS), minibatch=512, epochs=2)
+    settings = replace(SETTINGS, agents=32, steps=16, ppo=own)
     state = learner.make_optimizer(settings).init(given)
     nothing: Any = None  # the rest is not read
     training = learner.Training(given, state, *[nothing] * 5)

@@ -20,7 +20,7 @@ from swift_sim_bridge.model_files import checkpoint, sittings
 from swift_sim_bridge.pilot import export, job, learner, networks, ppo, trial
 from swift_sim_bridge.pilot import train as training
 from swift_sim_bridge.pilot.episodes import environment
-from swift_sim_bridge.pilot.settings import Plan, schedule_at
+from swift_sim_bridge.pilot.settings import Plan, schedule_at, share_at
 
 
 def test_an_interrupted_training_resumes_bit_by_bit(tiny_configuration, tmp_path, monkeypatch):
@@ -78,7 +78,7 @@ def test_a_finished_training_is_prolonged_at_the_end_of_its_schedules_or_refused
     assert "prolonged: after 0.0 M interactions all schedules stay at their end" in text
     rows = log_of(out)
     assert [row["interactions"] for row in rows] == [64, 128, 192, 256, 320, 384]
-    end = job.read_settings(tiny_configuration).sigma[1]
+    end = ppo.own_settings(job.read_settings(tiny_configuration)).sigma[1]
     assert rows[3]["sigma"] > 1.3 * end
     assert [row["sigma"] for row in rows[4:]] == pytest.approx([end, end])
     assert provenance_of(out)["sittings"] == [
@@ -110,9 +110,10 @@ def test_schedules_stretch_with_the_interactions_and_stay_as_they_were_for_the_s
         for first, second in zip(jax.tree.leaves(at), jax.tree.leaves(tenth), strict=True):
             assert float(first) == pytest.approx(float(second), rel=1e-4, abs=1e-6)
         interactions = updates * float(settings.batch)
-        share = jnp.clip(interactions / 40000000, 0.0, 1.0)
+        share = float(share_at(settings, shipped, updates))
+        assert share == pytest.approx(min(interactions / 40000000, 1.0), rel=1e-6)
         assert float(at.difficulty) == pytest.approx(np.clip((interactions - 10000000) / 10000000, 0.0, 1.0), abs=1e-6)
-        assert at.sigma == settings.sigma[0] * (settings.sigma[1] / settings.sigma[0]) ** share
+        assert float(at.learning_rate_cap) == pytest.approx(1.0e-3 * 0.25**share, rel=1e-5)
 
 
 def test_a_training_whose_randomisation_begins_at_its_end_stays_without():
@@ -159,7 +160,9 @@ def test_an_unreadable_checkpoint_is_refused_in_one_sentence(tiny_configuration,
     ("change", "sentence"),
     [
         ({"rewards": {"speed": [1, 1]}}, "unknown reward 'speed'"),
-        ({"minibatch": 33}, "'minibatch' 33 must divide"),
+        ({"steps": 15}, "'ppo.minibatch' 32 must divide"),
+        ({"algorithm": "backpropagation"}, "does not read the section 'ppo'; remove it"),
+        ({"ppo": None}, "lacks its section 'ppo'"),
         ({"epoch": 3}, "unknown key 'epoch'"),
         ({"difficulty_from": 10000000}, "must be from 0.0 to 1.0"),
         ({"difficulty_from": 0.5, "difficulty_full": 0.25}, "shares of the training"),
@@ -195,7 +198,7 @@ def test_the_exported_actor_gives_the_actions_of_the_trained_one(tmp_path):
 
 
 def test_advantages_end_at_a_crash_and_continue_after_a_timeout():
-    settings = job.read_settings(FOLDER)
+    settings = ppo.own_settings(job.read_settings(FOLDER))
     flags = {name: jnp.zeros((3, 1), bool) for name in ("done", "timeout", "passed", "crashed", "missed")}
     outcome = environment.Outcome(reward=jnp.ones((3, 1)), margin=jnp.zeros((3, 1)), **flags)
     values, last = jnp.full((3, 1), 2.0), jnp.array([7.0])
