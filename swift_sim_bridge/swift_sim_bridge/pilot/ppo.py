@@ -206,9 +206,8 @@ def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, lea
 def update(world, settings: PolicySettings, plan: Plan, training: Training):
     """Return (training after one update, its figures by name)."""
     key, fly_key, learn_key = jax.random.split(training.key, 3)
-    schedule, share = (at(settings, plan, training.updates) for at in (schedule_at, share_at))
-    own = own_settings(settings)
-    sigma = geometric(own.sigma, share)
+    schedule, share = schedule_at(settings, plan, training.updates), share_at(settings, plan, training.updates)
+    own, sigma = own_settings(settings), geometric(own_settings(settings).sigma, share)
     agents, bank, batch = roll_out(world, settings, plan, training, fly_key)
     _, last_observation = environment.observations(world, agents)
     last_value = networks.apply(training.networks["critic"], last_observation)[..., 0]
