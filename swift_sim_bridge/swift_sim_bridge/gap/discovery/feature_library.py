@@ -1,6 +1,7 @@
 """Library of the equation search: the features of all recordings, and their statistics on reference flights."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from swift_sim_bridge.gap.inference import local_wind_search
 from swift_sim_bridge.gap.inference.null_distribution import seconds_with_data
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
+from swift_sim_bridge.parallel import run_in_threads
 
 # Gain, in squares of independent samples, that a term must have: that of the best of many features, with noise beyond
 # that of the reference flights. With 30, null cases of the referee were taken for unknown physics.
@@ -51,10 +53,7 @@ def build_library(residual_models: tuple[ResidualModel, ...], references, varian
     recorded = tuple(features.build_features(one, variants) for one in residual_models)
     bias_gradients, gains = [], []
     for own, group, sigma in zip(recorded, references, sigmas, strict=True):
-        statistics = [
-            _statistics(line, _completed(features.build_features(flight, variants), own, len(line.t)), sigma)
-            for flight, line in group
-        ]
+        statistics = run_in_threads(*(partial(_statistics, *one, variants, own, sigma) for one in group))
         gradients = [np.array([part[c][0] for part in statistics]) for c in range(len(own))]
         bias_gradients.append([gradient.mean(axis=0) for gradient in gradients])
         gains.append([_single_gains(gradients[c], [part[c][1:] for part in statistics]) for c in range(len(own))])
@@ -63,6 +62,19 @@ def build_library(residual_models: tuple[ResidualModel, ...], references, varian
     ]
     largest = max(float(np.max(part[c] / inflation[c])) for part in gains for c in range(len(part)))
     return FeatureLibrary(recorded, tuple(bias_gradients), inflation, max(MIN_GAIN, REFERENCE_MARGIN * largest))
+
+
+def with_vehicle(
+    library: FeatureLibrary, residual_models: tuple[ResidualModel, ...], variants: Variants
+) -> FeatureLibrary:
+    """Return the library with the features that the recordings have by another vehicle.
+
+    Args:
+        library: the library, with the statistics of its reference flights.
+        residual_models: the recordings.
+        variants: the other vehicle, as first variant.
+    """
+    return replace(library, features=tuple(features.build_features(one, variants) for one in residual_models))
 
 
 def with_noise_ratio(library: FeatureLibrary, ratios: list[np.ndarray]) -> FeatureLibrary:
@@ -146,10 +158,18 @@ def _completed(reference: list[Features], own: list[Features], rows: int) -> lis
     return [*reference, *borrowed]
 
 
-def _statistics(line: Linearisation, own: list[Features], sigma) -> list[tuple]:
-    """Return for each channel the gradient (q,) per second, the sum of squares (q,) of features, and the seconds."""
+def _statistics(flight: ResidualModel, line: Linearisation, variants: Variants, own: list[Features], sigma) -> list:
+    """Return for each channel the gradient (q,) per second, the sum of squares (q,) of features, and the seconds.
+
+    Args:
+        flight: a reference flight.
+        line: its linearisation.
+        variants: the vehicle, as first variant.
+        own: features of the recording.
+        sigma: (c,) standard deviation of the residuals.
+    """
     seconds, found = seconds_with_data(line), []
-    for c, one in enumerate(own):
+    for c, one in enumerate(_completed(features.build_features(flight, variants), own, len(line.t))):
         values = one.values[line.good] / sigma[c]
         gradient = values.T @ (line.residual[line.good, c] / sigma[c]) / seconds
         found.append((gradient, np.sum(values**2, axis=0), seconds))

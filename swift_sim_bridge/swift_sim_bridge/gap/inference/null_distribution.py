@@ -5,12 +5,14 @@ selected, and the minimum detectable magnitude of each parameter.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy import stats
 
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, accumulate, fit_gain
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation, parameter_steps
+from swift_sim_bridge.parallel import run_in_threads
 
 MIN_SIGNIFICANCE = 5.0  # standard deviations of the null distribution that an effect must have (chance: 6e-7)
 REFERENCE_MARGIN = 1.25  # factor over the largest value of the reference flights, which one flight in 25 exceeds
@@ -131,7 +133,7 @@ def estimate_null_distribution(
             zero.
     """
     noise, sigma = residual_weights(references, floor)
-    equations = [accumulate(line, sigma) for line in references]
+    equations = run_in_threads(*(partial(accumulate, line, sigma) for line in references))
     estimates = np.array([_single_estimates(one) for one in equations])
     gradients = np.array(
         [

@@ -22,6 +22,7 @@ from swift_sim_bridge.gap.nominal.noise_sheet import estimate_noise_sheet
 from swift_sim_bridge.gap.nominal.tracking_controller import Setpoint, controller_for, tracking_command
 from swift_sim_bridge.gap.recording.command_rows import command_rows_of, loop_interval_s
 from swift_sim_bridge.gap.recording.recording import Recording
+from swift_sim_bridge.parallel import run_in_threads
 from swift_sim_bridge.physics.integrators import rk4, step
 from swift_sim_bridge.physics.state import parameters_from_vehicle, state_at_rest
 from swift_sim_bridge.physics.terms import registry
@@ -246,8 +247,8 @@ def reference_tables(
     sheet = estimate_noise_sheet(table, vehicle) if noisy else {}
     measuring = replace(vehicle, sensors=sheet)
     noise = gyro_noise_samples(path, sheet.get("gyro_rad_s", 0.0), seed)
-    found = []
-    for i, trace in enumerate(traces):
+
+    def measured(i, trace):
         dense = measure(path, trace, noise[:, i], measuring, np.random.default_rng([seed, 13, i]))
         channels = {}
         for name in (name for name in CHANNELS if name in table and name in dense):
@@ -258,8 +259,9 @@ def reference_tables(
             channels[name] = Samples(dense[name].t[::stride], values)
         name = f"reference flight {i + 1} of {table.name}"
         loop = {"motor_command": RowSampling("held", loop_hz=1.0 / (path.t[1] - path.t[0]))}
-        found.append(FlightTable(name, channels, skips_commands=table.skips_commands, sampling=loop))
-    return found
+        return FlightTable(name, channels, skips_commands=table.skips_commands, sampling=loop)
+
+    return run_in_threads(*(partial(measured, i, trace) for i, trace in enumerate(traces)))
 
 
 def time_step(table: FlightTable, vehicle: Vehicle) -> float:

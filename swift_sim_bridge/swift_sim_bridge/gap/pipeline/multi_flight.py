@@ -86,7 +86,7 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) 
         options.progress(REPEATING)
         repaired = single_flight.repair(vehicle, chosen.effects)
         again = replace(prior, own_effects=_values(singles), firmware=rate_pid_from_vehicle(vehicle))
-        left = single_flight.diagnose_repaired(recordings, repaired, options, again)
+        left = single_flight.diagnose_repaired(evidence, recordings, repaired, options, again)
     described = repair_choice.reported(found, chosen)
     report = content.report_content(evidence, described, holdout_result.entry, advice, left, chosen)
     bare = replace(

@@ -18,11 +18,7 @@ from swift_sim_bridge.gap.discovery import feature_library, features
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
 from swift_sim_bridge.gap.inference.row_sampling import row_bounds, with_fitted_rows, with_row_bounds
-from swift_sim_bridge.gap.inference.sensitivity import (
-    Linearisation,
-    linearise,
-    noise_floor,
-)
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation, LinearisationCache, linearise, noise_floor
 from swift_sim_bridge.gap.nominal import (
     phase_surrogates,
     reference_flights,
@@ -109,17 +105,11 @@ def prepare_evidence(
         UsageError: no residual can be computed, or none that all recordings have.
     """
     prior = prior or Prior()
-    read = [
-        read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, prior.firmware)
-        for table in recordings
-    ]
-    own_effects = prior.own_effects or [()] * len(read)
-    residual_models = [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
-    residual_models = in_common(residual_models, options.progress)
-    hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
+    residual_models = in_common(read_all(recordings, vehicle, prior), options.progress)
+    hypotheses = _hypotheses(residual_models, vehicle, options, prior)
     if start := far_start(residual_models, vehicle, hypotheses.effects, options.progress):
         vehicle = with_effects(vehicle, [one for one in hypotheses.effects if one.key in start], start)
-        hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
+        hypotheses = _hypotheses(residual_models, vehicle, options, prior)
     residual_models = [
         with_rows(one, table, vehicle, hypotheses.effects, prior.firmware, options.progress)
         for one, table in zip(residual_models, recordings, strict=True)
@@ -130,6 +120,57 @@ def prepare_evidence(
         options.progress(f"{table.name}: flying {references.REFERENCE_FLIGHTS} reference flights")
         prepared.append(prepare_recording(table, residual_model, vehicle, hypotheses, options.seed, noise))
     return replace(evidence_of(residual_models, hypotheses, prepared), start=start)
+
+
+def prepare_again(
+    evidence: Evidence, recordings: list[FlightTable], vehicle: Vehicle, options: Options, prior: Prior
+) -> Evidence:
+    """Return the evidence of the same recordings against another vehicle, such as the repaired one.
+
+    The reference flights are those of `evidence`: they flew the same path with the same noise, and what a repair
+    changes in them is small beside their spread. Where the other vehicle has other effects to search for, they are
+    flown anew.
+
+    Args:
+        evidence: evidence of the recordings, before a search.
+        recordings: the recordings.
+        vehicle: the other vehicle.
+        options: options of the diagnosis.
+        prior: what was known when `evidence` was prepared.
+    """
+    residual_models = in_common(read_all(recordings, vehicle, prior), options.progress)
+    hypotheses = _hypotheses(residual_models, vehicle, options, prior)
+    known = [(one.key, len(one.parameters)) for one in evidence.effects]
+    if [(one.key, len(one.parameters)) for one in hypotheses.effects] != known:
+        return prepare_evidence(recordings, vehicle, options, prior)
+    residual_models = tuple(
+        with_rows(one, table, vehicle, hypotheses.effects, prior.firmware, options.progress)
+        for one, table in zip(residual_models, recordings, strict=True)
+    )
+    return replace(
+        evidence,
+        residual_models=residual_models,
+        effects=hypotheses.effects,
+        library=feature_library.with_vehicle(evidence.library, residual_models, hypotheses.variants),
+        start={},
+        cache=LinearisationCache(),
+    )
+
+
+def read_all(recordings: list[FlightTable], vehicle: Vehicle, prior: Prior) -> list[ResidualModel]:
+    """Return the residual models of recordings that are compared with a vehicle."""
+    read = [
+        read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, prior.firmware)
+        for table in recordings
+    ]
+    own_effects = prior.own_effects or [()] * len(read)
+    return [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
+
+
+def _hypotheses(residual_models: list[ResidualModel], vehicle: Vehicle, options: Options, prior: Prior) -> Hypotheses:
+    """Return the effects to search for in recordings."""
+    recordings = [one.recording for one in residual_models]
+    return hypotheses_of(vehicle, recordings, options.knocked_out, prior.per_flight)
 
 
 def with_rows(

@@ -1,6 +1,7 @@
 """The reference flights of a recording: flown without an effect, and measured and read as the recording was."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from swift_sim_bridge.gap.recording import command_rows
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.variants import Variants
+from swift_sim_bridge.parallel import run_in_threads
 
 # For each recording. Their mean and largest statistics set the thresholds: one flight in 25 without an effect exceeds
 # the largest of 24. The time of a diagnosis grows with their number.
@@ -129,7 +131,7 @@ def measured_references(
     if residual_model.recording.gate_observations:
         recorded_flight = RecordedFlight(table, residual_model, recorded, vehicle)
         found = corner_bootstrap.with_gates(found, [*traces, traces[0]], path.t, recorded_flight, seed)
-    *noisy, noise_free = (_reference_model(one, vehicle, residual_model) for one in found)
+    *noisy, noise_free = run_in_threads(*(partial(_reference_model, one, vehicle, residual_model) for one in found))
     return noisy, noise_free
 
 

@@ -19,7 +19,7 @@ from swift_sim_bridge.gap.attribution.process_noise import (
 from swift_sim_bridge.gap.attribution.search import select_effects
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.pipeline.diagnosis import REPEATING, VALIDATING, Diagnosis, Options
-from swift_sim_bridge.gap.pipeline.prepare import Prior, prepare_evidence
+from swift_sim_bridge.gap.pipeline.prepare import Prior, prepare_again, prepare_evidence
 from swift_sim_bridge.gap.recording.rate_pid import rate_pid_from_vehicle
 from swift_sim_bridge.gap.report.content import report_content
 from swift_sim_bridge.gap.validation import experiment_design, holdout, repair_choice
@@ -40,7 +40,7 @@ def diagnose(recording: FlightTable, vehicle: Vehicle, options: Options) -> Diag
         prior = Prior(process_noise=process_noise, firmware=rate_pid_from_vehicle(vehicle))
         holdout_result, left = run_in_threads(
             partial(validate, evidence, vehicle, chosen),
-            partial(diagnose_repaired, [recording], repaired, options, prior),
+            partial(diagnose_repaired, evidence, [recording], repaired, options, prior),
         )
     report = report_content(evidence, repair_choice.reported(found, chosen), holdout_result.entry, advice, left, chosen)
     searched = replace(evidence, library=found.evidence.library)
@@ -82,17 +82,20 @@ def search_recording(
     return evidence, replace(found, selected=(*found.selected, *gusts)), process_noise
 
 
-def diagnose_repaired(recordings: list[FlightTable], repaired: Vehicle, options: Options, prior: Prior) -> dict:
+def diagnose_repaired(
+    evidence: Evidence, recordings: list[FlightTable], repaired: Vehicle, options: Options, prior: Prior
+) -> dict:
     """Return verdict and findings that remain with the repaired vehicle, as the report has them.
 
     Args:
+        evidence: what the diagnosis worked on; its reference flights are not flown again.
         recordings: the recordings of the diagnosis.
         repaired: the repaired vehicle.
         options: options of the diagnosis; no progress is reported.
         prior: what the diagnosis found before; its `firmware` is the rate loop that flew, which is not repaired.
     """
     silent = replace(options, progress=lambda _: None)
-    evidence = prepare_evidence(recordings, repaired, silent, prior)
+    evidence = prepare_again(evidence, recordings, repaired, silent, prior)
     found = select_effects(evidence, with_effect_terms(repaired, evidence.effects), silent.progress)
     found = with_likeliest_first(found, with_effect_terms(repaired, found.evidence.effects), silent.progress)
     report = report_content(evidence, found, {}, {}, {})

@@ -1,13 +1,17 @@
 """The gap tool on flights with effects planted by the simulator: it identifies these effects and no others."""
 
 from dataclasses import replace
+from functools import cache
 
+import jax
 import numpy as np
 import pytest
 from lissajous_flight import REFERENCE_FLIGHTS, STEP_S, flight, hover, path, vehicle
 
 from swift_sim_bridge.gap import api
-from swift_sim_bridge.gap.pipeline import references
+from swift_sim_bridge.gap.pipeline import references, single_flight
+from swift_sim_bridge.gap.pipeline.diagnosis import Options
+from swift_sim_bridge.gap.pipeline.prepare import Prior
 from swift_sim_bridge.gap.validation import localization
 
 
@@ -21,10 +25,17 @@ def test_a_hover_identifies_the_gyro_scale_only_on_axes_that_rotate(monkeypatch)
     assert one["effect"] == "gyro_scale" and sizes == pytest.approx([0.0, 0.0, 0.04], abs=2e-3)
 
 
-def test_planted_drag_and_motor_lag_are_identified_and_reduce_the_errors_on_held_out_parts(monkeypatch):
-    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+@cache
+def drag_and_lag() -> tuple:
+    """Return a flight with drag and a motor lag that the vehicle file lacks, and its diagnosis."""
     recording = flight(3, rotor_drag=[6e-5], motor_time_constant=[0.038])
-    found = api.diagnose([recording], vehicle(), lambda text: None)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+        return recording, api.diagnose([recording], vehicle(), lambda text: None)
+
+
+def test_planted_drag_and_motor_lag_are_identified_and_reduce_the_errors_on_held_out_parts():
+    _, found = drag_and_lag()
     entries = {one["effect"]: one for one in found.report["findings"]}
     assert set(entries) == {"rotor_drag", "motor_time_constant"}
     assert entries["rotor_drag"]["parameters"]["k_d"]["value"] == pytest.approx(6e-5, rel=0.03)
@@ -42,6 +53,18 @@ def test_planted_drag_and_motor_lag_are_identified_and_reduce_the_errors_on_held
     where = {one["effect"]: one for one in localization.locate_findings(found, vehicle())["findings"]}
     assert where["rotor_drag"]["channels"] == ["specific_force_x", "specific_force_y"]
     assert where["motor_time_constant"]["channels"] == [f"rotor_speed_{i}" for i in (1, 2, 3, 4)]
+
+
+def test_a_second_diagnosis_names_what_half_a_repair_leaves_with_the_reference_flights_of_the_first(monkeypatch):
+    recording, found = drag_and_lag()
+    half = replace(vehicle(), terms=vehicle().terms | {"rotor_drag": {"k_d": 6e-5}})
+    silent = Options(lambda text: None)
+    monkeypatch.setattr(references, "fly_references", lambda *_: pytest.fail("reference flights fly again"))
+    with jax.enable_x64(True):
+        left = single_flight.diagnose_repaired(found.evidence, [recording], half, silent, Prior())
+    (one,) = left["findings"]
+    assert one["effect"] == "motor_time_constant"
+    assert one["parameters"]["time_constant_up"]["value"] == pytest.approx(0.038, rel=0.02)
 
 
 @pytest.mark.slow
