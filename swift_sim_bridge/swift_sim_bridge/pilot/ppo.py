@@ -72,6 +72,11 @@ def own_settings(settings: PolicySettings) -> PpoSettings:
     return settings.ppo
 
 
+def exploration_at(settings: PolicySettings, plan: Plan, updates):
+    """Return the standard deviation of the exploration after some updates."""
+    return geometric(own_settings(settings).sigma, share_at(settings, plan, updates))
+
+
 def roll_out(world, settings: PolicySettings, plan: Plan, training: Training, key):
     """Fly `steps` ticks with the device's agents under the exploring policy; return (agents, bank, batch).
 
@@ -79,7 +84,7 @@ def roll_out(world, settings: PolicySettings, plan: Plan, training: Training, ke
     once, and starts for the few episodes that end: drawing them in each tick takes longer than flying.
     """
     schedule = schedule_at(settings, plan, training.updates)
-    sigma = geometric(own_settings(settings).sigma, share_at(settings, plan, training.updates))
+    sigma = exploration_at(settings, plan, training.updates)
     actor, critic = training.networks["actor"], training.networks["critic"]
     n, steps = training.agents.age.shape[0], settings.steps
     bank_key, own_key = jax.random.split(key)
@@ -207,7 +212,7 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
     """Return (training after one update, its figures by name)."""
     key, fly_key, learn_key = jax.random.split(training.key, 3)
     schedule, share = schedule_at(settings, plan, training.updates), share_at(settings, plan, training.updates)
-    own, sigma = own_settings(settings), geometric(own_settings(settings).sigma, share)
+    own, sigma = own_settings(settings), exploration_at(settings, plan, training.updates)
     agents, bank, batch = roll_out(world, settings, plan, training, fly_key)
     _, last_observation = environment.observations(world, agents)
     last_value = networks.apply(training.networks["critic"], last_observation)[..., 0]

@@ -15,7 +15,7 @@ from swift_sim_bridge.gap.inference.marginal import Rival
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, parameter_steps
 
-CHANCE = 0.003  # probability of a change that differs as much from what a used pack explains, three standard errors
+MIN_PROBABILITY = 0.003  # of a change that differs as much from what a used pack explains: three standard errors
 SECONDS_BEFORE = 5.0  # of a hover before the first row: take-off and the way to the place where a recording begins
 LOWER_PACK = Effect(
     id="lower_pack",
@@ -63,7 +63,7 @@ def is_of_used_pack(change: np.ndarray, covariance: np.ndarray, lower_pack: tupl
         along = solve(covariance, pack.shift)
         share = -(change @ along) / max(pack.shift @ along, 1e-300)  # of the charge of SECONDS_BEFORE
         remainder = change + min(share, 1.0) * pack.shift
-        if share > 0.0 and chi2.sf(remainder @ solve(covariance, remainder), len(change)) > CHANCE:
+        if share > 0.0 and chi2.sf(remainder @ solve(covariance, remainder), len(change)) > MIN_PROBABILITY:
             return True
     return False
 
