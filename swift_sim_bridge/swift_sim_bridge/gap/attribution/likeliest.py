@@ -72,6 +72,8 @@ def _headed(
     ):
         return ()
     problem = selection_problem_at(evidence, vehicle, effects, list(values), values)
+    unlikely = {other for other, weight in one.confounders.items() if weight < MIN_CONFOUNDER_WEIGHT}
+    unlikely -= {one.effect.key}  # in the simulation it explains as much as the likeliest one
     head = replace(
         one,
         effect=effects[key],
@@ -84,7 +86,7 @@ def _headed(
         + rivals_beside(
             problem, list(values), key, other_variants(list(values), effects), parameter_steps((effects[key],))
         ),
-    ).without_confounders({other for other, weight in one.confounders.items() if weight < MIN_CONFOUNDER_WEIGHT})
+    ).without_confounders(unlikely)
     if not (heads := beyond_rows(evidence, vehicle, [head])):
         return ()
     others = (replace(other, values=values[other.effect.key]) for other in fitted.values() if other is not one)

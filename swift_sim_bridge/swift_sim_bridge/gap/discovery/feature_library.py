@@ -117,6 +117,7 @@ def with_local_features(
     place = local_wind_search.find_local_wind(line, axes, p_world, sigma)
     if place.gain < MIN_GAIN:
         return library
+    place = local_wind_search.refined(place, line, axes, p_world, sigma)
     center = ", ".join(f"{x:.1f}" for x in place.center)
     weight = local_wind_search.local_weight(p_world, place.center, place.radius)
     recorded, gradients = list(library.features[0]), list(library.bias_gradients[0])

@@ -167,7 +167,8 @@ def test_an_unknown_force_at_one_place_is_described_with_the_place(component, si
     (term,) = equation_search.search_equations(wider, residual_models, [line], sigmas)
     assert term.channel == FORCE[1] and term.value == pytest.approx(size, rel=0.15)
     radius, x, y, z = re.fullmatch(rf"{component} within (.*) m of \((.*), (.*), (.*)\)", term.name).groups()
-    assert 1.0 < float(radius) < 3.5 and np.linalg.norm(np.array([x, y, z], float) - center) < 1.5
+    assert float(radius) == pytest.approx(2.2, abs=0.4)
+    assert np.linalg.norm(np.array([x, y, z], float) - center) < 0.4
 
 
 @pytest.mark.parametrize(

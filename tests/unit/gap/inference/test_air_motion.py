@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swift_sim_bridge.gap.inference.gust_correlation import wind_correlation
-from swift_sim_bridge.gap.inference.local_wind_search import find_local_wind
+from swift_sim_bridge.gap.inference.local_wind_search import find_local_wind, refined
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 
 ROWS, RATE = 1500, 50
@@ -24,11 +24,14 @@ def test_a_local_wind_is_found_where_it_is_with_its_velocity():
     rng, t = np.random.default_rng(1), np.arange(ROWS) / RATE
     path = 8.0 * np.stack([np.cos(0.8 * t), np.sin(0.8 * t), 0.1 * np.sin(0.5 * t)], axis=1)  # laps of a circle
     wind = sensitivity_to_wind(rng)
-    center, velocity = np.array([8.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0])
+    center, velocity = path[10], np.array([0.0, 2.0, 0.0])  # between two centres that the search tries
     weight = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
     residual = 0.1 * rng.standard_normal((ROWS, 3)) - np.einsum("i,imc->mc", velocity, wind) * weight[:, None]
     place = find_local_wind(line_of(residual), wind, path, np.full(3, 0.1))
     assert np.linalg.norm(place.center - center) < 1.5 and place.velocity == pytest.approx(velocity, abs=0.5)
+    closer = refined(place, line_of(residual), wind, path, np.full(3, 0.1))
+    assert np.linalg.norm(closer.center - center) < 0.2 and closer.radius == pytest.approx(2.2, abs=0.25)
+    assert closer.velocity == pytest.approx(velocity, abs=0.1) and closer.gain > place.gain
 
 
 def test_gusts_are_distinguished_from_noise_by_their_correlation_over_half_a_second():
