@@ -18,11 +18,11 @@ def test_a_sealed_batch_has_no_false_alarm_and_no_wrong_confirmed_effect(tmp_pat
     assert all(record["removed"] > 0.8 for record in large if record.get("removed") is not None)
 
 
-def test_a_pose_and_motor_commands_alone_show_a_load_and_a_cut_propeller(tmp_path):
-    """The load first looks like a wrong motor map, and the pack was not full at the first row."""
-    entries = [
-        plan.Entry(f"flight-{number:04d}", "own", "pose_commands", seed) for number, seed in ((1, 6017), (2, 6076))
-    ]
-    records = runner.run(entries, tmp_path / "cases", progress=lambda line: None)
-    assert [record["named"] for record in records] == [["payload"], ["damaged_propeller[4]"]]
-    assert all(record["exact"] and record["verdict"] == "confirmed" for record in records)
+def test_a_pose_and_motor_commands_alone_show_a_load_a_cut_propeller_and_a_weak_pack(tmp_path):
+    """The load first looks like a wrong motor map, the pack was not full at the first row; the weak pack hovers."""
+    seeds = {"flight-0001": 6017, "flight-0002": 6076, "flight-0003": 6463}
+    entries = [plan.Entry(name, "own", "pose_commands", seed) for name, seed in seeds.items()]
+    *named, weak_pack = runner.run(entries, tmp_path / "cases", progress=lambda line: None)
+    assert [record["named"] for record in named] == [["payload"], ["damaged_propeller[4]"]]
+    assert all(record["exact"] and record["verdict"] == "confirmed" for record in named)
+    assert weak_pack["sets"] == [["battery_sag", "thrust_coefficient"]] and weak_pack["verdict"] == "ambiguous"
