@@ -41,7 +41,7 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
                 break
             replaced = [one for one in now.keys if one not in old] + [key]
             before, after = (_left_in_simulation(evidence, vehicle, one, now.values) for one in (now.keys, replaced))
-            # An effect that is better to first order alone does not replace another one; a simpler one of two may.
+            # What is better to first order alone replaces no effect; one in place of two may leave a little more.
             if after > before + (model_comparison.MIN_IMPROVEMENT if len(old) > 1 else 0.0):
                 break
             progress(f"{key} replaces {', '.join(old)}")
