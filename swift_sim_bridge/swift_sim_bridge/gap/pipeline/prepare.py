@@ -105,7 +105,7 @@ def prepare_evidence(
         UsageError: no residual can be computed, or none that all recordings have.
     """
     prior = prior or Prior()
-    residual_models = in_common(read_all(recordings, vehicle, prior), options.progress)
+    residual_models = _residual_models(recordings, vehicle, options, prior)
     hypotheses = _hypotheses(residual_models, vehicle, options, prior)
     if start := far_start(residual_models, vehicle, hypotheses.effects, options.progress):
         vehicle = with_effects(vehicle, [one for one in hypotheses.effects if one.key in start], start)
@@ -127,9 +127,9 @@ def prepare_again(
 ) -> Evidence:
     """Return the evidence of the same recordings against another vehicle, such as the repaired one.
 
-    The reference flights are those of `evidence`: they flew the same path with the same noise, and what a repair
-    changes in them is small beside their spread. Where the other vehicle has other effects to search for, they are
-    flown anew.
+    The reference flights are those of `evidence`, which flew the same path with the same noise: in ten recordings
+    those of the repaired vehicle led to the same findings. Where the other vehicle has other effects to search for,
+    they are flown anew.
 
     Args:
         evidence: evidence of the recordings, before a search.
@@ -138,7 +138,7 @@ def prepare_again(
         options: options of the diagnosis.
         prior: what was known when `evidence` was prepared.
     """
-    residual_models = in_common(read_all(recordings, vehicle, prior), options.progress)
+    residual_models = _residual_models(recordings, vehicle, options, prior)
     hypotheses = _hypotheses(residual_models, vehicle, options, prior)
     known = [(one.key, len(one.parameters)) for one in evidence.effects]
     if [(one.key, len(one.parameters)) for one in hypotheses.effects] != known:
@@ -157,14 +157,16 @@ def prepare_again(
     )
 
 
-def read_all(recordings: list[FlightTable], vehicle: Vehicle, prior: Prior) -> list[ResidualModel]:
-    """Return the residual models of recordings that are compared with a vehicle."""
+def _residual_models(
+    recordings: list[FlightTable], vehicle: Vehicle, options: Options, prior: Prior
+) -> list[ResidualModel]:
+    """Return the residual models of recordings, with the residuals that all of them have (see `in_common`)."""
     read = [
         read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, prior.firmware)
         for table in recordings
     ]
     own_effects = prior.own_effects or [()] * len(read)
-    return [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
+    return in_common([ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)], options.progress)
 
 
 def _hypotheses(residual_models: list[ResidualModel], vehicle: Vehicle, options: Options, prior: Prior) -> Hypotheses:
