@@ -146,11 +146,18 @@ def _absorbs_unknown_cause(current: Explanation, equation: Explanation, simulato
     """Return whether several effects together have absorbed a cause that the catalogue lacks.
 
     Each of them compensates the errors of the others, so that none can be left out. The equation alone is clearly
-    better.
+    better. One term in place of three effects or more need only be better: independent causes do not act together as
+    one quantity does on one channel.
     """
+    improvement = 0.0 if _is_one_for_many(equation, current) else MIN_IMPROVEMENT
     shorter = equation.parameter_count < current.parameter_count
-    shorter = shorter and equation.loss + MIN_IMPROVEMENT < current.loss
+    shorter = shorter and equation.loss + improvement < current.loss
     return len(current.keys) > 1 and (shorter or _clearly_better(equation, current, simulator_error))
+
+
+def _is_one_for_many(equation: Explanation, current: Explanation) -> bool:
+    """Return whether an equation of one term replaces so many effects that they may be neighbours of its cause."""
+    return len(equation.terms) == 1 and len(current.keys) >= MIN_UNCERTAIN_COUNT
 
 
 def _equation_nearly_equal(current: Explanation, equation: Explanation, initial: float) -> bool:

@@ -11,6 +11,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import model_comparison
 from swift_sim_bridge.gap.attribution.model_comparison import (
     Explanation,
+    _absorbs_unknown_cause,
     _clearly_better,
     _equally_plausible,
     is_physical,
@@ -74,6 +75,17 @@ def test_several_effects_are_rejected_together_if_one_short_equation_explains_mo
     evidence = SimpleNamespace(effects=[SimpleNamespace(key=key, retimes=False) for key in keys])
     best = model_comparison.best_explanation(evidence, None, list(keys), {}, lambda text: None)
     assert best.keys == (keys if kept else ())
+
+
+@pytest.mark.parametrize(
+    ("keys", "terms", "absorbed"), [(KEYS, 1, True), (KEYS[:2], 1, False), (KEYS, 2, False), (KEYS, 0, False)]
+)
+def test_one_term_replaces_three_effects_if_it_is_better_by_little(keys, terms, absorbed):
+    """A fin was a drag centre with two drags that took away the moment about the other axis."""
+    effects = replace(WITH_EFFECT, keys=keys, parameter_count=3)
+    equation = replace(WITH_EFFECT, keys=(), terms=(None,) * terms, parameter_count=1, loss=WITH_EFFECT.loss - 10.0)
+    assert _absorbs_unknown_cause(effects, equation, 0.0) == absorbed
+    assert not _absorbs_unknown_cause(effects, replace(equation, loss=WITH_EFFECT.loss + 1.0), 0.0)
 
 
 def test_a_local_wind_is_not_physical_at_the_bounds_of_its_radius_or_position():
