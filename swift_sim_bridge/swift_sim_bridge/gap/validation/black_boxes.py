@@ -6,6 +6,7 @@ of that flight: bias, trim, load and pack are others in the next. A remainder of
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.residuals.channels import AXES
 from swift_sim_bridge.gap.residuals.rollout import BlackBox, black_box_force, black_box_inputs
 from swift_sim_bridge.gap.validation.parts import Part
+from swift_sim_bridge.parallel import run_in_threads
 from swift_sim_bridge.residual_models import gaussian_process, nearest_neighbors
 from swift_sim_bridge.residual_models.gaussian_process import GaussianProcess
 from swift_sim_bridge.residual_models.nearest_neighbors import NearestNeighbors
@@ -76,9 +78,11 @@ def compared(learned: list[Part], before: Vehicle, after: Vehicle, same_flights:
         [Samples(_inputs(part, before), force_residuals(part, vehicle)) for part in learned]
         for vehicle in (before, after)
     )
-    gp, knn = _gp_box(gaussian_process.fit(_blocks(nominal))), _knn_box(joined(nominal))
+    process, (remainder, kinds) = run_in_threads(
+        partial(gaussian_process.fit, _blocks(nominal)), partial(fit_remainder, repaired, same_flights)
+    )
+    gp, knn = _gp_box(process), _knn_box(joined(nominal))
     none = gp._replace(targets=np.zeros_like(gp.targets))
-    remainder, kinds = fit_remainder(repaired, same_flights)
     return Compared(vehicles, (none, none, remainder, knn, gp), kinds)
 
 
