@@ -90,6 +90,8 @@ def best_explanation(evidence: Evidence, vehicle: Vehicle, keys: list[str], valu
         progress: called with a line of text.
     """
     initial = normalised_squares(evidence, gauss_newton.residuals_at(evidence, vehicle))
+    if not keys:  # beside effects, whose errors may be steady, a term must be stronger
+        return explain(evidence, vehicle, (), values, initial, steady=True)
     keys = physical_keys(evidence, keys, values)
     current = explain(evidence, vehicle, keys, values, initial)
     equation = explain(evidence, vehicle, (), values, initial)
@@ -199,7 +201,9 @@ def is_physical(evidence: Evidence, effect: Effect, values: dict) -> bool:
     return all(inside) if effect.id in LOCATED_EFFECTS else any(inside)
 
 
-def explain(evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: float) -> Explanation:
+def explain(
+    evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: float, steady: bool = False
+) -> Explanation:
     """Return effects, fitted jointly, with the equation of what they leave.
 
     Args:
@@ -208,6 +212,7 @@ def explain(evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: f
         keys: the effects.
         values: initial values, by key.
         initial: squares without any effect.
+        steady: search for weaker terms too, if every part of the flights shows them.
     """
     effects = [effect for effect in evidence.effects if effect.key in keys]
     values = {key: values[key] for key in keys}
@@ -219,9 +224,10 @@ def explain(evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: f
         bias, bias_gain = _bias_gains(evidence, vehicle, effects, values)
     lines = gauss_newton.residuals_at(evidence, gauss_newton.with_effects(vehicle, effects, values))
     remaining = normalised_squares(evidence, lines)
-    terms = equation_search.search_equations(
-        evidence.library, evidence.residual_models, lines, evidence.sigmas, initial - remaining
-    )
+    given = evidence.library, evidence.residual_models, lines, evidence.sigmas, initial - remaining
+    terms = equation_search.search_equations(*given)
+    if steady and not terms:
+        terms = equation_search.search_equations(*given, steady=True)
     own = [term for term in terms if not equation_search.is_mirrored(term, terms)]
     kinds = {(term.channel.layer, equation_search.axis_free_name(term)) for term in own}  # all rotors and axes are one
     penalty += TERM_PENALTY * len(kinds) + PARAMETER_PENALTY * (len(own) - len(kinds))

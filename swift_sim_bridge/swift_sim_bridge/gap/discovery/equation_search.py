@@ -24,6 +24,7 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 # Gains are sums of squares in independent samples.
 MAX_TERMS = 3  # of one channel; more terms would explain more and be harder to interpret
 MIN_REPEATED_GAIN = 20.0  # gain of a feature that describes another axis of the layer: one of a few, not of thousands
+MAX_CHANCE = 1e-6  # that scatter over the seconds makes a steady term: 1 in 1,000 for the best of a thousand features
 MIN_EXPLAINED_SHARE = 0.002  # of what the effects explain; a smaller gain may be the error of strong effects
 TIE_SHARE = 0.004  # of the largest gain; features that gain as much but for this are tied, and the first one is taken
 TIE_GAIN = 9.0  # difference of two gains that arises by chance, three standard deviations; the same use
@@ -82,6 +83,7 @@ class _ChannelProblem:
         threshold: (q,) gain that each feature must have, in independent samples.
         local: features that act at one place and need not pass cross-validation: the place may be passed once alone.
         preferred: features that are chosen first among tied ones.
+        steady: whether every part of the flight must show a term.
     """
 
     equations: NormalEquations
@@ -90,6 +92,7 @@ class _ChannelProblem:
     threshold: np.ndarray
     local: frozenset[int]
     preferred: frozenset[int]
+    steady: bool
 
 
 def search_equations(
@@ -98,6 +101,7 @@ def search_equations(
     lines: list[Linearisation],
     sigmas,
     explained: float = 0.0,
+    steady: bool = False,
 ) -> tuple[EquationTerm, ...]:
     """Return the terms that the residuals call for, in the order of the channels.
 
@@ -110,7 +114,9 @@ def search_equations(
         lines: their residuals.
         sigmas: of each recording, (c,) standard deviation of its residuals.
         explained: gain of the selected effects.
+        steady: search for weaker terms that every part of the flights shows.
     """
+    least = library.steady_threshold if steady else library.threshold
     channels, found = residual_models[0].channels, []
     searched = {
         c: _channel_equations(library, lines, sigmas, c)
@@ -121,13 +127,13 @@ def search_equations(
         (equations, uncorrected), channel, names = searched[c], channels[c], library.features[0][c].names
         repeated = {axis_free_name(term) for term in found if term.channel.layer == channel.layer}
         preferred = {i for i, name in enumerate(names) if _axis_free(name, channel) in repeated}
-        threshold = np.where(np.isin(np.arange(len(names)), list(preferred)), MIN_REPEATED_GAIN, library.threshold)
+        threshold = np.where(np.isin(np.arange(len(names)), list(preferred)), MIN_REPEATED_GAIN, least)
         threshold = np.maximum(threshold, MIN_EXPLAINED_SHARE * explained / library.variance_inflation[c].min())
         if channel.layer == DRIFTING_LAYER:
             threshold = np.maximum(threshold, MIN_DRIFT_SHARE * float(uncorrected.squares.sum()))
         local = frozenset(i for i, name in enumerate(names) if name in library.local_names)
         problem = _ChannelProblem(
-            equations, uncorrected, library.variance_inflation[c], threshold, local, frozenset(preferred)
+            equations, uncorrected, library.variance_inflation[c], threshold, local, frozenset(preferred), steady
         )
         chosen = _choose(problem)
         if chosen:
@@ -179,8 +185,16 @@ def _choose(problem: _ChannelProblem) -> list[int]:
         keys = [str(i) for i in chosen]
         if best not in problem.local and not stepwise.passes_cross_validation(selection, keys, str(best)):
             break
+        if problem.steady and not _is_steady(problem, [*chosen, best]):
+            break
         chosen.append(best)
     return _necessary(problem, chosen)
+
+
+def _is_steady(problem: _ChannelProblem, chosen: list[int]) -> bool:
+    """Return whether the last one of the chosen features is beyond what scatter over the seconds may make."""
+    found = stepwise.fit(problem.equations, np.array(chosen), float(problem.variance_inflation[chosen[-1]]))
+    return stepwise.chance(problem.equations, found, 1) < MAX_CHANCE
 
 
 def _signed_gains(equations: NormalEquations, chosen: list[int]) -> np.ndarray:

@@ -16,6 +16,7 @@ from swift_sim_bridge.parallel import run_in_threads
 # Gain, in squares of independent samples, that a term must have: that of the best of many features, with noise beyond
 # that of the reference flights. With 30, null cases of the referee were taken for unknown physics.
 MIN_GAIN = 80.0
+MIN_STEADY_GAIN = 40.0  # the same of a term that every part of the flight shows; in a null case chance made one of 90
 REFERENCE_MARGIN = 1.5  # factor over the largest gain of any reference flight; larger overlooks weaker terms
 WORLD_AXES = ("east", "north", "up")  # prefixes of the features that are axes of the world in the body
 
@@ -29,6 +30,7 @@ class FeatureLibrary:
         bias_gradients: [recording][channel] (q,) mean gradient per second in the reference flights.
         variance_inflation: [channel] (q,) factor by which gains exceed those of independent samples, at least 1.
         threshold: gain that a term must have, in independent samples.
+        steady_threshold: gain that a term must have that every part of the flight shows, likewise.
         local_names: names of the features that act at one place alone.
         places: the places as quantities of an equation, see `physics.terms.quantities`.
     """
@@ -37,6 +39,7 @@ class FeatureLibrary:
     bias_gradients: tuple[list[np.ndarray], ...]
     variance_inflation: list[np.ndarray]
     threshold: float
+    steady_threshold: float
     local_names: frozenset[str] = frozenset()
     places: tuple[str, ...] = ()
 
@@ -61,7 +64,8 @@ def build_library(residual_models: tuple[ResidualModel, ...], references, varian
         np.maximum(np.mean([part[c].mean(axis=0) for part in gains], axis=0), 1.0) for c in range(len(recorded[0]))
     ]
     largest = max(float(np.max(part[c] / inflation[c])) for part in gains for c in range(len(part)))
-    return FeatureLibrary(recorded, tuple(bias_gradients), inflation, max(MIN_GAIN, REFERENCE_MARGIN * largest))
+    thresholds = (max(least, REFERENCE_MARGIN * largest) for least in (MIN_GAIN, MIN_STEADY_GAIN))
+    return FeatureLibrary(recorded, tuple(bias_gradients), inflation, *thresholds)
 
 
 def with_vehicle(
@@ -132,7 +136,14 @@ def with_local_features(
         gradients[c] = np.append(gradients[c], np.zeros(len(names)))
         inflation[c] = np.append(inflation[c], np.ones(len(names)))
     near = f"near({','.join(f'{x:.3f}' for x in (*place.center, place.radius))})"
-    return FeatureLibrary((recorded,), (gradients,), inflation, library.threshold, frozenset(local_names), (near,))
+    return replace(
+        library,
+        features=(recorded,),
+        bias_gradients=(gradients,),
+        variance_inflation=inflation,
+        local_names=frozenset(local_names),
+        places=(near,),
+    )
 
 
 def _components_of_force(own: Features, axis: str, world) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:

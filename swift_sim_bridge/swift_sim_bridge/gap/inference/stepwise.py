@@ -176,10 +176,14 @@ def _exceeds_references(problem: SelectionProblem, selected: list[str], key: str
 def _may_be_chance(problem: SelectionProblem, selected: list[str], key: str) -> bool:
     """Return whether the scatter over the seconds makes one of all effects as significant as this one."""
     size, found = problem.parameter_count(key), _fit_beside(problem, selected, key)
+    return chance(problem.equations, found, size) > FALSE_SELECTION_RATE / len(problem.slices)
+
+
+def chance(equations: NormalEquations, found: Fit, size: int) -> float:
+    """Return the probability that the scatter over the seconds makes the last `size` parameters of a fit as large."""
     wald = found.estimate[-size:] @ solve(found.covariance[-size:, -size:], found.estimate[-size:])
-    seconds = np.count_nonzero(problem.equations.samples)
-    chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
-    return bool(chance > FALSE_SELECTION_RATE / len(problem.slices))
+    seconds = np.count_nonzero(equations.samples)
+    return float(stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1)))
 
 
 def _fit_beside(problem: SelectionProblem, selected: list[str], key: str) -> Fit:

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,21 +45,30 @@ def search(
     bias: float = 0.0,
     feature: int = 3,
     inflation: float = 1.0,
+    steady: bool = False,
+    scatter: float = 0.0,
+    threshold: float = 30.0,
 ) -> tuple[EquationTerm, ...]:
     """Search in unit noise plus a coefficient times a feature, a part of which is bias of the pipeline.
 
     inflation: variance inflation of the feature |v_x| v_x.
+    steady: search for weaker terms that every part of the flight shows.
+    scatter: standard deviation of the coefficient over the seconds, as a share of it.
+    threshold: of the gain; that of a steady term is half.
     """
     rng = np.random.default_rng(seed)
     own = quantities(rng)
     residual = rng.standard_normal((ROWS, 2))
-    residual[:, 0] += coefficient * own.values[:, feature]
+    factor = np.repeat(1.0 + scatter * rng.standard_normal(ROWS // RATE), RATE)
+    residual[:, 0] += coefficient * own.values[:, feature] * factor
     count = own.values.shape[1]
     bias_gradient = bias * own.values.T @ own.values[:, feature] * RATE / ROWS
     inflations = np.where(np.arange(count) == 3, inflation, 1.0)
-    library = FeatureLibrary(([own, own],), ([bias_gradient, np.zeros(count)],), [inflations, inflations], 30.0)
+    library = FeatureLibrary(
+        ([own, own],), ([bias_gradient, np.zeros(count)],), [inflations, inflations], threshold, threshold / 2
+    )
     residual_models = (SimpleNamespace(channels=tuple(replace(channel, layer=layer) for channel in FORCE)),)
-    return equation_search.search_equations(library, residual_models, [line_of(residual)], (np.ones(2),))
+    return equation_search.search_equations(library, residual_models, [line_of(residual)], (np.ones(2),), steady=steady)
 
 
 def test_a_planted_term_is_found_with_channel_feature_coefficient_and_unit():
@@ -85,7 +95,7 @@ def test_an_axis_takes_the_tied_feature_of_another_axis_but_its_own_where_it_is_
         ("m/s",) * 2 + ("m^2/s^2",) * 2,
         np.concatenate([v, speed[:, None] * v], axis=1),
     )
-    library = FeatureLibrary(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0)
+    library = FeatureLibrary(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0, 15.0)
     noise, residual_models = rng.standard_normal((ROWS, 2)), (SimpleNamespace(channels=FORCE),)
 
     def names(x: float, z: float) -> list[str]:
@@ -125,6 +135,14 @@ def test_noise_gives_no_equation():
     assert all(search(0.0, seed) == () for seed in range(5))
 
 
+def test_a_weaker_term_is_found_only_if_every_part_of_the_flight_shows_it():
+    found = partial(search, 0.01, threshold=80.0)
+    for seed in (0, 1):
+        assert not found(seed) and found(seed, steady=True)
+    assert found(1, scatter=1.0) and not found(1, scatter=1.0, steady=True)  # a gain of chance, as large as it is
+    assert not any(search(0.0, seed, steady=True) for seed in range(20))
+
+
 def test_a_term_that_is_bias_of_the_pipeline_or_needs_its_subtraction_is_rejected():
     (term,) = search(0.5, bias=-0.5, feature=4)
     assert term.name == "noise 0" and term.value == pytest.approx(1.0, abs=4 * term.error)
@@ -153,7 +171,7 @@ def test_an_unknown_force_at_one_place_is_described_with_the_place(component, si
     names = ("east_x", "north_x", "up_x", "thrust"), ("east_z", "north_z", "up_z", "thrust")
     kinds = ("", "", "", "m/s^2")
     own = [Features(some, kinds, np.column_stack([axes, thrust])) for some, axes in zip(names, turned, strict=True)]
-    library = FeatureLibrary((own,), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 80.0)
+    library = FeatureLibrary((own,), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 80.0, 40.0)
     recording, rows = SimpleNamespace(p_world=path), SimpleNamespace(rows=np.arange(ROWS))
     (one,) = residual_models = (SimpleNamespace(channels=FORCE, recording=recording, filter=rows),)
     noise, center, sigmas = 0.5 * rng.standard_normal((ROWS, 2)), np.array([8.0, 0.0, 0.0]), (np.full(2, 0.5),)
