@@ -24,6 +24,7 @@ MIN_REMOVED_SHARE = 0.02  # of the error of a left side beyond its noise, that a
 MIN_EXCESS_SHARE = 0.05  # of the squares of a left side's noise, which its error beyond the noise is taken to be
 MIN_GAIN = 20.0  # squares of independent samples that a summand must remove; noise gives 10 to the best of 100
 MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they may differ
+DISAGREEMENT_ERRORS = 2.0  # standard errors by which they may differ where that is more
 TIE_SHARE = 0.02  # of that error, by which a simpler product may remove less than the best one
 MIN_INDEPENDENT_SHARE = 1e-3  # of a product's square that the chosen ones do not contain
 ONE_HALF_SHARE = 0.02  # of a product's square, below which a half of the flight does not show it
@@ -215,7 +216,11 @@ def _removed(problem: _Problem, rows: list[int]) -> float:
     """Return `_lowered`, minus infinity if the coefficient of the last product differs between the halves."""
     lowered, fits = _lowered(problem, rows)
     first, second = (one[-1] for one in fits)
-    return -np.inf if abs(first - second) > MAX_DISAGREEMENT * 0.5 * abs(first + second) else lowered
+    if abs(first - second) <= MAX_DISAGREEMENT * 0.5 * abs(first + second):
+        return lowered
+    last = np.eye(len(rows))[-1]
+    variance = sum(last @ solve(one[np.ix_(rows, rows)], last) for one in problem.information)
+    return lowered if abs(first - second) <= DISAGREEMENT_ERRORS * np.sqrt(variance) else -np.inf
 
 
 def _lowered(problem: _Problem, rows: list[int]) -> tuple[float, list[np.ndarray]]:

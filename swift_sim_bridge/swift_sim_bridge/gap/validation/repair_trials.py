@@ -32,7 +32,7 @@ from swift_sim_bridge.physics.terms import equation
 
 MAX_SUMMANDS = 8  # of an equation
 # Differences of `unseen_error`, a sum of logarithms of the channels' errors.
-MIN_BETTER = 0.01  # by which an equation must make the unseen part better
+MIN_BETTER = 0.005  # by which an equation must make the unseen part better
 KINDS = {  # left sides of an equation that describe a channel, by its quantity
     SPECIFIC_FORCE: "force",
     ACCELEROMETER: "force",
