@@ -78,6 +78,11 @@ class Explanation:
         """The remaining squares, with the bias counted no more against terms than against effects."""
         return self.remaining - sum(term.gain - term.net_gain for term in self.terms)
 
+    @property
+    def comparable_loss(self) -> float:
+        """The same with the penalty."""
+        return self.comparable_remaining + self.penalty
+
 
 def best_explanation(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, progress) -> Explanation:
     """Return the selected effects that explain more than equations would, and the equation of what they leave.
@@ -148,18 +153,15 @@ def _absorbs_unknown_cause(current: Explanation, equation: Explanation, simulato
     """Return whether several effects together have absorbed a cause that the catalogue lacks.
 
     Each of them compensates the errors of the others, so that none can be left out. The equation alone is clearly
-    better. One term in place of three effects or more need only be better: independent causes do not act together as
-    one quantity does on one channel.
+    better. One term in place of three effects or more need only be better, whatever the bias: independent causes do
+    not act together as one quantity does on one channel.
     """
-    improvement = 0.0 if _is_one_for_many(equation, current) else MIN_IMPROVEMENT
+    if len(equation.terms) == 1 and len(current.keys) >= MIN_UNCERTAIN_COUNT:
+        better = equation.comparable_loss < current.comparable_loss
+    else:
+        better = equation.loss + MIN_IMPROVEMENT < current.loss
     shorter = equation.parameter_count < current.parameter_count
-    shorter = shorter and equation.loss + improvement < current.loss
-    return len(current.keys) > 1 and (shorter or _clearly_better(equation, current, simulator_error))
-
-
-def _is_one_for_many(equation: Explanation, current: Explanation) -> bool:
-    """Return whether an equation of one term replaces so many effects that they may be neighbours of its cause."""
-    return len(equation.terms) == 1 and len(current.keys) >= MIN_UNCERTAIN_COUNT
+    return len(current.keys) > 1 and ((shorter and better) or _clearly_better(equation, current, simulator_error))
 
 
 def _equation_nearly_equal(current: Explanation, equation: Explanation, initial: float) -> bool:

@@ -83,9 +83,10 @@ def test_several_effects_are_rejected_together_if_one_short_equation_explains_mo
 def test_one_term_replaces_three_effects_if_it_is_better_by_little(keys, terms, absorbed):
     """A fin was a drag centre with two drags that took away the moment about the other axis."""
     effects = replace(WITH_EFFECT, keys=keys, parameter_count=3)
-    equation = replace(WITH_EFFECT, keys=(), terms=(None,) * terms, parameter_count=1, loss=WITH_EFFECT.loss - 10.0)
+    term = SimpleNamespace(gain=100.0, net_gain=90.0)  # of which the bias may be a tenth
+    equation = replace(WITH_EFFECT, keys=(), terms=(term,) * terms, parameter_count=1, loss=WITH_EFFECT.loss + 5.0)
     assert _absorbs_unknown_cause(effects, equation, 0.0) == absorbed
-    assert not _absorbs_unknown_cause(effects, replace(equation, loss=WITH_EFFECT.loss + 1.0), 0.0)
+    assert not _absorbs_unknown_cause(effects, replace(equation, loss=WITH_EFFECT.loss + 11.0), 0.0)
 
 
 def test_a_local_wind_is_not_physical_at_the_bounds_of_its_radius_or_position():
