@@ -7,6 +7,7 @@ Every function takes NumPy or JAX arrays and returns arrays of the same library.
 
 import math
 from functools import partial
+from typing import Any
 
 import array_api_compat
 import numpy as np
@@ -21,7 +22,7 @@ def array_namespace(*arrays):
     return array_api_compat.array_namespace(*arrays)
 
 
-def _floats(*arrays):
+def _floats(*arrays) -> list[list[float]] | None:
     """Return the components of single NumPy vectors as lists of Python floats, None for all other arrays.
 
     Arithmetic on floats has the same results as on arrays so short, in a tenth of the time.
@@ -39,7 +40,7 @@ def _components(*arrays):
     return join, *(tuple(array[..., i] for i in range(array.shape[-1])) for array in arrays)
 
 
-def normalize(vector, floor: float = 1e-12):
+def normalize(vector, floor: float = 1e-12) -> Any:
     """Return `vector` (..., n) scaled to length one along its last axis; the result is finite for a zero vector."""
     if floats := _floats(vector):
         return vector / math.sqrt(sum(x * x for x in floats[0]) + floor**2)
@@ -87,7 +88,7 @@ def quaternion_conjugate(q_a_b):
     return xp.concat([-q_a_b[..., :3], q_a_b[..., 3:]], axis=-1)
 
 
-def rotate(q_a_b, v_b):
+def rotate(q_a_b, v_b) -> Any:
     """Return v_a (..., 3): the vector `v_b` in frame a."""
     if floats := _floats(q_a_b, v_b):
         (x, y, z, w), (vx, vy, vz) = floats
