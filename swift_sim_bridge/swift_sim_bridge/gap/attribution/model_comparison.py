@@ -190,8 +190,7 @@ def is_physical(evidence: Evidence, effect: Effect, values: dict) -> bool:
 
     A latency must be at least half a pass of the rate loop. All parameters of a located effect must lie inside their
     bounds: a local wind that covers the whole path is none. Of other effects one inside is enough, as a drag may be
-        zero
-    along one axis.
+    zero along one axis.
     """
     found = values[effect.key]
     inside = [
