@@ -87,6 +87,13 @@ def test_motors_and_pack_get_what_the_equation_adds():
     assert volts == pytest.approx(0.25)
 
 
+def test_a_quantity_counts_from_a_value_on():
+    force, *_ = shown(force_x={"over(v_x,4.5) v_z": summand(0.1)}, force_y={"over(v_x,7)": summand(0.1)})
+    assert force == pytest.approx([0.1 * (V_BODY[0] - 4.5) * V_BODY[2], 0.0, 0.0], abs=1e-9)
+    *_, speeds, _ = shown(rotor_speed={"over(u,0.9)": summand(50.0)})
+    assert speeds == pytest.approx(np.zeros(4), abs=1e-9)
+
+
 def test_a_force_at_one_place_ends_at_its_radius():
     inside, *_ = shown(force_z={"near(1,2,3.5,1.0)": summand(2.0)})
     outside, *_ = shown(force_z={"near(1,2,5,1.0)": summand(2.0)})

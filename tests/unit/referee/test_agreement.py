@@ -99,7 +99,7 @@ def test_motors_and_battery_agree_with_the_production_simulator():
 
 
 def test_an_equation_with_every_quantity_agrees_with_the_production_simulator():
-    names = [*quantities.MOTION, "near(1,-1,2,6.0)", "thrust_2", "Omega_3"]
+    names = [*quantities.MOTION, "near(1,-1,2,6.0)", "over(|v|,1.5)", "over(v_xy,40)", "thrust_2", "Omega_3"]
     names.remove("spin_Omega'")  # no rotor accelerates here
     row = {"coefficient": 0.01, "range": [-1e3, 1e3]}
     entry = {side: dict.fromkeys(names[i::6], row) for i, side in enumerate(polynomial.WRENCH)}

@@ -25,6 +25,8 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 
 RATES, SPEEDS = ("omega_x", "omega_y", "omega_z"), ("v_x", "v_y", "v_z")
 AIR = ("", "v_x", "v_y", "v_z", "v_xy", "v_xy^2", "mu^2", "mu^3", "sink", "sink^2", "sink^3", "ring", "ground")
+# From where on command and speed (share of the highest) may count: sums of such bends follow the curve of a resonance.
+BENDS_OF_COMMAND, BENDS_OF_SPEED = np.arange(0.1, 1.0, 0.1), np.arange(0.3, 1.0, 0.1)
 IN_MOTION = (
     "1",
     *SPEEDS,
@@ -137,17 +139,19 @@ def _of_motors(residual_model: ResidualModel, vehicle: Vehicle, parameters: Para
     recording, record = residual_model.recording, residual_model.recording.motor_record
     speed = physics_replay.rotor_speeds(physics_replay.stack_parameters([vehicle]), record)[0]
     command = np.concatenate([record.command, record.command[-1:]])
+    products = (*OF_MOTOR, *(f"over(u,{bend:.1f})" for bend in BENDS_OF_COMMAND))
+    products += tuple(f"over(Omega,{bend * vehicle.rotor_speed_range[1]:.0f})" for bend in BENDS_OF_SPEED)
     time, found = 0.5 * (vehicle.motor.time_constant_up + vehicle.motor.time_constant_down), []
     for i in range(speed.shape[1]):
         at = (np.interp(recording.t, record.t, part) for part in (command[:, i], record.voltage, speed[:, i]))
         drive = quantities.Drive(*map(jnp.asarray, at))
         values = [
-            quantities.product_of(product, "motor").value(drive) * jnp.ones_like(drive.speed) for product in OF_MOTOR
+            quantities.product_of(product, "motor").value(drive) * jnp.ones_like(drive.speed) for product in products
         ]
         late = np.stack([lagged(np.asarray(one), recording.dt, time) for one in values], axis=-1)
         met = np.stack(values, axis=-1)[residual_model.filter.rows][residual_model.good]
         smooth = apply(residual_model.filter.smooth, late)
-        found.append(Products(OF_MOTOR, smooth, ranges_of(met), np.zeros(len(OF_MOTOR))))
+        found.append(Products(products, smooth, ranges_of(met), np.zeros(len(products))))
     return found
 
 

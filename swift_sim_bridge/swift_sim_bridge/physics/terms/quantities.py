@@ -21,6 +21,7 @@ MIN_HEIGHT_RADII = 0.5  # lower bound of the height over ground in rotor radii, 
 MIN_THRUST_N = 1e-6  # of rotors at rest, whose induced velocity would be zero
 NUMBER = r"(-?\d+(?:\.\d*)?)"
 NEAR = re.compile(rf"near\({NUMBER},{NUMBER},{NUMBER},(\d+(?:\.\d*)?)\)")  # x, y, z, radius in m
+OVER = re.compile(r"over\((.+),(\d+(?:\.\d*)?)\)")  # a quantity, and the value from which on it counts
 OF_ROTOR = re.compile(r"(thrust|Omega)_(\d+)")
 SPEED, RATE = "m/s", "rad/s"
 
@@ -181,11 +182,18 @@ def _quantity(name: str, known: str) -> Quantity:
     table = {"motion": MOTION, "motor": MOTOR, "supply": SUPPLY}[known]
     if name in table:
         return table[name]
+    if bend := OVER.fullmatch(name):
+        return _over(_quantity(bend[1], known), float(bend[2]))
     if known == "motion" and (place := NEAR.fullmatch(name)):
         return _near(*map(float, place.groups()))
     if known == "motion" and (rotor := OF_ROTOR.fullmatch(name)):
         return _of_rotor(rotor[1], int(rotor[2]))
     raise ValueError(f"has no quantity '{name}'; there are {', '.join(table)}")
+
+
+def _over(one: Quantity, bend: float) -> Quantity:
+    """Return by how much a quantity exceeds a value; zero below."""
+    return Quantity(one.unit, lambda at: jnp.maximum(one.value(at) - bend, 0.0), f"{one.meaning}, less {bend:g}, or 0")
 
 
 def _near(x: float, y: float, z: float, radius: float) -> Quantity:

@@ -80,9 +80,12 @@ def _product(text: str, at: dict):
 
 
 def _value(name: str, at: dict):
-    """Return a quantity: by its name, or near(x,y,z,radius)."""
+    """Return a quantity: by its name, over(name,value), or near(x,y,z,radius)."""
     if name in at:
         return at[name]
+    if name.startswith("over("):
+        inner, _, bend = name[5:-1].rpartition(",")
+        return jnp.maximum(_value(inner, at) - float(bend), 0.0)
     x, y, z, radius = (float(part) for part in re.findall(r"-?[\d.]+", name))
     p = at["p"]
     apart = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2

@@ -106,6 +106,16 @@ def test_the_range_of_a_current_is_the_recorded_one_though_the_voltage_has_no_me
     assert found.range[0] < np.quantile(current, 0.01) and np.quantile(current, 0.99) < found.range[1]
 
 
+def test_motors_that_lose_speed_from_a_command_on_show_a_bend():
+    loss = {"over(u,0.45)": {"coefficient": -600.0, "range": [0.0, 0.55]}}
+    table, file = flight(2, equation={"rotor_speed": loss}), lissajous_flight.vehicle()
+    one = ResidualModel(read_recording(table, file))
+    line = linearise(one, perturbed_variants(file, ()))
+    residuals = polynomial_search.Residuals((one,), [line], (np.full(len(one.channels), 5.0),))
+    found = [one.product for one in polynomial_search.search(residuals, file, 1.0) if one.side == "rotor_speed"]
+    assert found[0] in ("over(u,0.4)", "over(u,0.5)")
+
+
 def test_a_coefficient_that_flips_between_the_halves_of_the_flight_is_not_kept():
     assert searched(lambda t, v: np.where(t < 6.0, 0.02, -0.02) * v[:, 0] * v[:, 2]) == []
 
