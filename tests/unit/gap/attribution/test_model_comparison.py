@@ -89,12 +89,14 @@ def test_one_term_replaces_three_effects_if_it_is_better_by_little(keys, terms, 
     assert not _absorbs_unknown_cause(effects, replace(equation, loss=WITH_EFFECT.loss + 11.0), 0.0)
 
 
-def test_a_local_wind_is_not_physical_at_the_bounds_of_its_radius_or_position():
+def test_a_local_wind_is_not_physical_at_the_bounds_of_its_radius_position_or_speed():
     effect, values = catalogue.draught(), np.array([2.0, 0.0, 0.0, 1.0, 2.0, 1.0, 10.0])
     assert not is_physical(None, effect, {effect.key: values})
     assert is_physical(None, effect, {effect.key: np.append(values[:-1], 3.0)})
     far = np.array([2.0, 0.0, 0.0, 1.0, 2.0, 2.9999, 3.0])  # as far from the initial position as the bounds allow
     assert not is_physical(None, effect, {effect.key: far})
+    storm = np.array([2.0, 0.0, 9.0, 1.0, 2.0, 1.0, 3.0])  # what a raised place with its own ground effect looks like
+    assert not is_physical(None, effect, {effect.key: storm})
 
 
 @pytest.mark.parametrize(("steps", "bias_gain"), [(5.0, -96.0), (-5.0, 96.0), (0.1, 0.0)])
