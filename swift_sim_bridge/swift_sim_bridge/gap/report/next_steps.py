@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS, all_effects
@@ -86,7 +88,7 @@ def next_steps(report: dict, diagnosis, vehicle: Vehicle, inputs: Inputs) -> lis
     findings = ranked(report["findings"])
     manoeuvres = {(one.effect.id, one.effect.variant): one.effect.manoeuvre for one in diagnosis.selected}
     return [
-        *_use(findings, vehicle, inputs),
+        *_use(findings, vehicle, inputs, _flown(diagnosis)),
         *_check(findings),
         *_fly(findings, manoeuvres, inputs),
         *_record(diagnosis, vehicle),
@@ -97,8 +99,25 @@ def _step(kind: str, text: str, *commands: str) -> dict:
     return {"kind": kind, "text": text, "commands": list(commands)}
 
 
-def _use(findings: list[dict], vehicle: Vehicle, inputs: Inputs) -> list[dict]:
-    """Return the steps that use the repaired files."""
+def _flown(diagnosis) -> str:
+    """Return up to which speed and motor command the repaired file was found, as a sentence; "" if neither is known."""
+    recordings = [one.recording for one in diagnosis.evidence.residual_models]
+    speeds = [np.linalg.norm(one.v_world, axis=1).max() for one in recordings if one.v_world is not None]
+    commands = [one.motor_record.command.max() for one in recordings if one.motor_record is not None]
+    known = [f"speeds up to {max(speeds):.0f} m/s"] if speeds else []
+    known += [f"motor commands up to {max(commands):.2f}"] if commands else []
+    return f" It was found at {' and '.join(known)}: beyond, it extrapolates." if known else ""
+
+
+def _use(findings: list[dict], vehicle: Vehicle, inputs: Inputs, flown: str) -> list[dict]:
+    """Return the steps that use the repaired files.
+
+    Args:
+        findings: by rank.
+        vehicle: before the repair.
+        inputs: of the diagnosis.
+        flown: sentence about the speeds at which a repair was found that is not certain.
+    """
     effects = [one for one in findings if one["effect"] or one.get("in_repair")]
     of_vehicle = [one for one in effects if one["effect"] not in MAP_EFFECTS]
     repaired, steps = inputs.out / "vehicle.yaml", []
@@ -111,7 +130,7 @@ def _use(findings: list[dict], vehicle: Vehicle, inputs: Inputs) -> list[dict]:
             [f"swiftros race --vehicle {repaired}", f"swiftros train policy --vehicle {repaired}"] if races else []
         )
         if any(one["verdict"] != "confirmed" for one in of_vehicle):
-            text += " Test it before on a flight that this diagnosis has not seen: it must find less there."
+            text += " Test it before on a flight that this diagnosis has not seen: it must find less there." + flown
             commands.insert(0, f"swiftros gap ANOTHER_FLIGHT --vehicle {repaired} --out {inputs.out}-test")
         steps.append(_step("use", text, *commands))
     if len(of_vehicle) < len(effects):

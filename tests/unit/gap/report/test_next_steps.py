@@ -23,6 +23,8 @@ class Recorded:
 
     rotor_speed_modelled = skips_commands = False
     driven, stand_ins = None, frozenset()
+    v_world = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 6.4]])
+    motor_record = SimpleNamespace(command=np.array([[0.2, 0.69]]))
 
     def __init__(self, *missing: str):
         self.missing = missing
@@ -88,6 +90,10 @@ def test_a_confirmed_change_is_flown_at_once_and_a_tentative_one_is_tested_befor
     assert sure["kind"] == "use" and sure["commands"][0] == "swiftros race --vehicle runs/gap/vehicle.yaml"
     unsure, *_ = steps([found("mass", 0.93, verdict="tentative")], "mass")
     assert unsure["commands"][0].startswith("swiftros gap ANOTHER_FLIGHT --vehicle runs/gap/vehicle.yaml")
+    assert unsure["text"].endswith(
+        "It was found at speeds up to 6 m/s and motor commands up to 0.69: beyond, it extrapolates."
+    )
+    assert "beyond" not in sure["text"]
 
 
 def test_the_vehicle_is_checked_and_the_manoeuvre_is_that_of_the_effect():
