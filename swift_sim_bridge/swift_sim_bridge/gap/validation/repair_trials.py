@@ -104,11 +104,11 @@ class Judge:
         best = self._without_worse(self.trial([one.effect for one in names], initial=initial))
         if not kinds_without_name(self.found):
             return best
-        with_equation = self._with_equation(best)
+        with_equation = self._without_worse(self._with_equation(best))
         gain = best.error - with_equation.error
         if gain < MIN_BETTER and abs(gain) > MIN_WORSE:  # without any change the unseen part does not show it: a place
             return best
-        return self._without_worse(with_equation)
+        return with_equation
 
     def _without_worse(self, best: Trial) -> Trial:
         """Return a trial without the names and summands that make the unseen part worse.
@@ -188,14 +188,15 @@ class Judge:
         return more if all(1.0 / MAX_FACTOR < factor < MAX_FACTOR for factor in factors) else trial
 
     def _summands(self, trial: Trial, share: float, known: tuple[Found, ...] = ()) -> list[Found]:
-        """Return the summands of what the names of a trial leave of a share of each flight, with those known."""
+        """Return the summands of what the names of a trial leave of a share of each flight, those known first."""
         repaired = with_effects(self.vehicle, list(trial.names), trial.values)
         evidence, lines = self.evidence, residuals_at(self.evidence, repaired)
         places = self.found.evidence.library.places
         residuals = polynomial_search.Residuals(evidence.residual_models, lines, evidence.sigmas, places)
         kinds = kinds_without_name(self.found)
         found = polynomial_search.search(residuals, repaired, share, known)
-        return [one for one in found if equation.kind_of(one.side) in kinds][:MAX_SUMMANDS]
+        new = [one for one in found if equation.kind_of(one.side) in kinds and one not in known]
+        return [*known, *new][:MAX_SUMMANDS]
 
     def _beside_names(self, trial: Trial, found: list[Found]) -> Trial:
         """Return the trial of the names of a trial and an equation."""

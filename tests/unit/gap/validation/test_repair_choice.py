@@ -9,11 +9,12 @@ from motor_log import VEHICLE, log
 
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect, Unexplained
 from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, with_effects
+from swift_sim_bridge.gap.discovery.polynomial_search import Found
 from swift_sim_bridge.gap.pipeline import prepare, references
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.residuals.channels import VOLTAGE
 from swift_sim_bridge.gap.residuals.propulsion import MAX_ABOVE_FULL_V, voltage_above_full
-from swift_sim_bridge.gap.validation import repair_choice
+from swift_sim_bridge.gap.validation import repair_choice, repair_trials
 
 PLUG = 6e-5  # ohm/A^2
 SEED = 4
@@ -56,6 +57,18 @@ def test_a_sag_that_needs_a_pack_fuller_than_full_gives_way_to_a_product_of_the_
     (parameter,) = effects[0].parameters
     assert parameter.name == "voltage: current^3"
     assert chosen.equation[0].values == pytest.approx([-PLUG], rel=0.15)
+
+
+def test_summands_that_were_chosen_stay_however_many_others_remove_more(monkeypatch):
+    known = Found("voltage", "current", (0.0, 80.0), 0.1)
+    others = [Found("voltage", f"current^{k}", (0.0, 80.0), 0.9) for k in range(2, 12)]
+    monkeypatch.setattr(repair_trials.polynomial_search, "search", lambda *_: [*others, known])
+    (channel,) = (one for one in evidence().residual_models[0].channels if one.quantity == VOLTAGE)
+    found = SearchResult((), (), evidence(), unexplained=(Unexplained(channel, 0.1, 9.0, ""),))
+    judge = repair_trials.Judge(evidence(), VEHICLE, found)
+    with jax.enable_x64(True):
+        chosen = judge._summands(judge.trial(()), 0.7, (known,))
+    assert chosen == [known, *others[: repair_trials.MAX_SUMMANDS - 1]]
 
 
 def test_a_sag_stays_where_nothing_is_unexplained():
