@@ -12,7 +12,7 @@ from swift_sim_bridge.physics.terms.vectors import dot, scale, subtract, vector
 AIR_DENSITY = 1.225  # kg/m^3 at sea level and 15 deg C (ISO 2533, standard atmosphere)
 DRAGS = ("linear_drag", "body_drag", "rotor_drag", "axial_inflow")  # through one of which moving air acts on a vehicle
 REACH_M = 3.0  # m from the point where the search begins, within which the centre of a draught is estimated
-MAX_DRAUGHT_M_S = 8.0  # twice the strongest fan or door, on each axis; a force that needs more has another cause
+MAX_DRAUGHT = 8.0  # m/s, twice the strongest fan or door, on each axis; a force that needs more has another cause
 IDLE_WIND = [0.0, 0.0, 0.0]
 
 
@@ -70,7 +70,7 @@ def draught_effect(center=(0.0, 0.0, 0.0), radius: float = 1.0) -> Effect:
         radius: m, first guess.
     """
     path, parameters = ("terms", "local_draught"), []
-    for key, unit, reach, middles in (("velocity", "m/s", MAX_DRAUGHT_M_S, IDLE_WIND), ("center", "m", REACH_M, center)):
+    for key, unit, reach, middles in (("velocity", "m/s", MAX_DRAUGHT, IDLE_WIND), ("center", "m", REACH_M, center)):
         parameters += [
             Parameter(f"{key}[{i}]", unit, (*path, key, i), 0.05, middle - reach, middle + reach)
             for i, middle in enumerate(middles)
