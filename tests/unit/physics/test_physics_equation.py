@@ -117,6 +117,7 @@ def test_every_named_quantity_has_a_unit_and_a_finite_value_in_flight():
     [
         ({"force_x": {"v_q": summand(1.0)}}, "force_x: 'v_q' has no quantity 'v_q'; there are v_x"),
         ({"rotor_speed": {"v_x": summand(1.0)}}, "rotor_speed: 'v_x' has no quantity"),
+        ({"force_x": {"over(over(v_x,1),1)": summand(1.0)}}, "has no quantity 'over"),
         ({"force_x": {"v_x": summand(1.0, 3.0, -3.0)}}, "must rise, not fall from 3"),
         ({"force_x": {"v_x": summand(1.0)}, "covariance": [[1.0, 0.0], [0.0, 1.0]]}, "1 rows and columns"),
         ({"force_x": {"v_x": summand(1.0)}, "covariance": [[-1.0]]}, "no variance negative"),

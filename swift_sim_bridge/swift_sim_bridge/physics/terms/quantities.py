@@ -182,8 +182,8 @@ def _quantity(name: str, known: str) -> Quantity:
     table = {"motion": MOTION, "motor": MOTOR, "supply": SUPPLY}[known]
     if name in table:
         return table[name]
-    if bend := OVER.fullmatch(name):
-        return _over(_quantity(bend[1], known), float(bend[2]))
+    if (bend := OVER.fullmatch(name)) and bend[1] in table:
+        return _over(table[bend[1]], float(bend[2]))
     if known == "motion" and (place := NEAR.fullmatch(name)):
         return _near(*map(float, place.groups()))
     if known == "motion" and (rotor := OF_ROTOR.fullmatch(name)):
