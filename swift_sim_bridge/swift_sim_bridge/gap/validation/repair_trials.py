@@ -104,7 +104,10 @@ class Judge:
         best = self._without_worse(self.trial([one.effect for one in names], initial=initial))
         if not kinds_without_name(self.found):
             return best
-        with_equation = self._without_worse(self._with_equation(best))
+        with_equation = self._with_equation(best)
+        if with_equation is best:
+            return best
+        with_equation = self._without_worse(with_equation)
         gain = best.error - with_equation.error
         if gain < MIN_BETTER and abs(gain) > MIN_WORSE:  # without any change the unseen part does not show it: a place
             return best
