@@ -9,6 +9,7 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 TRAINING_SHARE = 0.7  # of each flight, from its start, that the fits use; the rest is held out
 CHOICE_SHARE = 0.5  # that the fits use between which a repair is chosen; the rest of the training part judges them
+SLOW_SHARE = 0.6  # of the seconds of the training part that count as slow
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,25 @@ def rows_of_choice(residual_model: ResidualModel) -> tuple[np.ndarray, np.ndarra
         _rows_between(residual_model, 0.0, CHOICE_SHARE),
         _rows_between(residual_model, CHOICE_SHARE, TRAINING_SHARE),
     )
+
+
+def rows_by_pace(residual_model: ResidualModel) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return which residuals (m,) of the part that fits use lie in slow seconds, and which in fast ones.
+
+    There is one pair for the vehicle's speed and one for that of its rotors, where these were recorded. A second counts
+    by the largest that it reaches.
+    """
+    recording, known = residual_model.recording, _rows_between(residual_model, 0.0, TRAINING_SHARE)
+    second, pairs = np.floor(residual_model.t - residual_model.t[0]).astype(int), {}
+    for name in ("v_world", "rotor_speed"):
+        if not recording.has(name) or not known.any():
+            continue
+        pace = np.linalg.norm(getattr(recording, name), axis=1)[residual_model.filter.rows]
+        reached = np.full(second[-1] + 1, -np.inf)
+        np.maximum.at(reached, second[known], pace[known])
+        slow = (reached <= np.quantile(reached[np.isfinite(reached)], SLOW_SHARE))[second]
+        pairs[name] = known & slow, known & ~slow
+    return pairs
 
 
 def _rows_between(residual_model: ResidualModel, begin: float, end: float) -> np.ndarray:

@@ -62,10 +62,13 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
         trials.append(judge.best_of(tuple(one for one in all_names if one.effect.key not in doubtful)))
     best = min(trials, key=lambda one: one.error)
     best = min((one for one in trials if one.error < best.error + SIMILAR), key=lambda one: one.numbers)
+    fewer = [one for one in trials if set(one.names) < set(best.names)]
+    if fewer:  # names that stand beside something unexplained may resemble it only as far as this flight went
+        best = min((best, *fewer), key=judge.error_beyond)
     kept = {effect.key for effect in best.names}
     for one in all_names:
         if one.effect.key not in kept:
-            progress(f"{one.effect.key}: not in the repair, unseen parts of the flight are better without it")
+            progress(f"{one.effect.key}: not in the repair, unseen or faster parts of the flight are better without it")
     if best.found:
         best = judge.with_more_summands(best)
     return _on_whole_flights(judge, best, all_names, fixed)

@@ -27,7 +27,7 @@ from swift_sim_bridge.gap.residuals.channels import (
     VOLTAGE,
 )
 from swift_sim_bridge.gap.residuals.propulsion import excess_above_full
-from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, TRAINING_SHARE, rows_of_choice
+from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, TRAINING_SHARE, rows_by_pace, rows_of_choice
 from swift_sim_bridge.physics.terms import equation
 
 MAX_SUMMANDS = 8  # of an equation
@@ -164,6 +164,30 @@ class Judge:
             parts = [(line.residual + np.tensordot(step, line.sensitivity, 1)) * known for line, known in unseen]
             found[item] = log_error(parts)
         return found
+
+    def error_beyond(self, trial: Trial) -> float:
+        """Return the error of a trial where the flight is fast if its values are fitted where it is slow.
+
+        To first order, and for the speeds of vehicle and rotors together, see `rows_by_pace`.
+        """
+        effects, models = (*trial.names, *trial.equation), self.evidence.residual_models
+        lines = residuals_at(self.evidence, self.vehicle)
+        if effects:
+            repaired = with_effects(self.vehicle, list(effects), trial.values)
+            lines = self.evidence.cache.linearisations(models, repaired, effects, True)
+        paces, total = [rows_by_pace(one) for one in models], 0.0
+        for name in set.intersection(*(set(one) for one in paces)):
+            fits, parts = [], []
+            for one, line, sigma, rows in zip(models, lines, self.evidence.sigmas, paces, strict=True):
+                slow, fast = (part[:, None] & one.measured for part in rows[name])
+                x = (line.sensitivity * slow / sigma).reshape(len(line.sensitivity), line.residual.size)
+                fits.append((x @ x.T, x @ (line.residual / sigma).ravel()))
+                parts.append((line, np.where(fast, 1.0, np.nan)))
+            step = -solve(*(sum(part) for part in zip(*fits, strict=True)))
+            total += log_error(
+                [(line.residual + np.tensordot(step, line.sensitivity, 1)) * fast for line, fast in parts]
+            )
+        return total
 
     def _with_equation(self, trial: Trial) -> Trial:
         """Return the trial with the equation of what its names leave, without summands that make it worse."""

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from lissajous_flight import REFERENCE_FLIGHTS, flight, vehicle
 
+from swift_ros import geometry
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffect
 from swift_sim_bridge.gap.effects.catalogue import catalogue
@@ -45,3 +46,16 @@ def test_a_name_without_which_the_unseen_part_is_better_is_not_in_the_repair(mon
     chosen, reported = repair_of(changed, {"accel_bias": [0.0, 1.0, 0.0]}, withdrawn=False)
     assert not chosen.names and [one.effect.id for one in chosen.left_out] == ["accel_bias"]
     assert [one.verdict for one in reported] == ["tentative"]
+
+
+def test_a_name_that_resembles_the_unknown_only_in_slow_flight_is_not_in_the_repair(monkeypatch):
+    """A force against the velocity at up to 12 m/s of 15, and none beyond: as a drag, it would slow down a race."""
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    table = flight(3)
+    q, p, force = (table[name] for name in ("q_world_body", "p_world", "specific_force_body"))
+    v_body = geometry.rotate_inverse(q.values, np.gradient(p.values, p.t, axis=0)) * [1.0, 1.0, 0.0]
+    slow = np.linalg.norm(v_body, axis=1, keepdims=True) < 12.0
+    changed = Samples(force.t, force.values - np.where(slow, 0.5 * v_body, 0.0))
+    drag = {"rotor_drag": [6e-5]}
+    chosen, _ = repair_of(FlightTable("slow", {**table.channels, "specific_force_body": changed}), drag, withdrawn=True)
+    assert not chosen.names and [one.effect.id for one in chosen.left_out] == ["rotor_drag"]
