@@ -127,6 +127,13 @@ def find_gusts(evidence: Evidence, vehicle: Vehicle, found: SearchResult) -> Sel
     return SelectedEffect(catalogue.gusts(), np.array([value]), np.array([[error**2]]), remaining.significance)
 
 
+def gusts_are_certain(gusts: SelectedEffect, found: SearchResult) -> bool:
+    """Return whether nothing beside gusts can look like them: an unknown force, or the error of another effect."""
+    if found.equation_terms or found.unexplained:
+        return False
+    return not found.selected or gusts.significance >= gust_correlation.CERTAIN_SIGNIFICANCE
+
+
 def _wind_sensitivity(evidence: Evidence, vehicle: Vehicle) -> tuple[Linearisation, np.ndarray]:
     """Return the residuals of the first recording, and their change (3, m, c) per 1 m/s of wind."""
     wind = next(effect for effect in evidence.effects if effect.key == "wind")

@@ -14,6 +14,7 @@ from swift_sim_bridge.physics.terms import gust
 
 WINDOW_S = 0.5  # s; longer than the residuals' filter, 0.08 s, shorter than horizontal gusts, 2.3 s (23 m at 10 m/s)
 MIN_SIGNIFICANCE = 5.0  # standard deviations that the correlation must have
+CERTAIN_SIGNIFICANCE = 7.5  # the same beside another effect, whose own error may look like weak gusts
 REFERENCE_MARGIN = 1.5  # factor by which it must exceed that of any reference flight; larger overlooks weaker gusts
 MAX_SCATTER_RATIO = 2.0  # factor on the significance that the scatter of the products themselves gives, as upper bound
 MIN_REMAINING_SHARE = 0.6  # of the significance, after the equation terms are subtracted; less is no gust

@@ -77,8 +77,7 @@ def search_recording(
         prior = Prior(process_noise=process_noise)
         evidence = prepare_evidence([recording], repair(vehicle, gusts), options, prior)
         found = select_effects(evidence, with_effect_terms(vehicle, evidence.effects), options.progress)
-    alone = not found.equation_terms and not found.unexplained  # an unknown force may look like gusts
-    gusts = tuple(replace(one, is_certain=alone) for one in gusts)
+    gusts = tuple(replace(one, is_certain=wind.gusts_are_certain(one, found)) for one in gusts)
     return evidence, replace(found, selected=(*found.selected, *gusts)), process_noise
 
 
