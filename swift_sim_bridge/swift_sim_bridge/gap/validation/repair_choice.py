@@ -1,7 +1,8 @@
 """What the repaired vehicle file gets, judged on a part of each flight that no fit between which it chooses has used.
 
 A name stays unless the unseen part gets better without it, whatever an equation explains of the whole flight. An
-equation of what the names leave joins them if it makes the unseen part better. The last part of each flight, on which
+equation of what the names leave joins them if it makes the unseen part better. Names that stand beside something
+unexplained must predict fast flight from slow flight, too. The last part of each flight, on which
 the repair is reported, has no part in this.
 """
 

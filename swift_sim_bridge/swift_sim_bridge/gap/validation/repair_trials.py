@@ -1,6 +1,7 @@
 """Trials of repairs: effects that are fitted to the first part of each flight and judged on the one that follows."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from swift_sim_bridge.gap.discovery.polynomial_search import Found
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, solve
-from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, parameter_steps
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation, parameter_slices, parameter_steps
 from swift_sim_bridge.gap.residuals.channels import (
     ACCELEROMETER,
     ANGULAR_ACCELERATION,
@@ -70,6 +71,26 @@ class Trial:
     def numbers(self) -> int:
         """How many numbers are fitted."""
         return sum(len(one.parameters) for one in (*self.names, *self.equation))
+
+
+class _LinearProblem(NamedTuple):
+    """A trial to first order in p changes of its values, in their steps.
+
+    Attributes:
+        information: (p, p) products of the sensitivities of the residuals that the fit uses.
+        gradient: (p,) products of these sensitivities and residuals.
+        unseen: of each recording, the linearisation, and which residuals judge: 1, NaN for the others.
+    """
+
+    information: np.ndarray
+    gradient: np.ndarray
+    unseen: list[tuple[Linearisation, np.ndarray]]
+
+    def error(self, step: np.ndarray) -> float:
+        """Return the error, see `log_error`, of the residuals that judge after a change (p,)."""
+        return log_error(
+            [(line.residual + np.tensordot(step, line.sensitivity, 1)) * known for line, known in self.unseen]
+        )
 
 
 @dataclass(frozen=True)
@@ -141,16 +162,7 @@ class Judge:
     def _errors_without(self, trial: Trial) -> dict[str, float]:
         """Return `unseen_error` without each name, by key, and each new summand, by name, to first order."""
         effects = (*trial.names, *trial.equation)
-        repaired = with_effects(self.vehicle, list(effects), trial.values)
-        lines = self.evidence.cache.linearisations(self.evidence.residual_models, repaired, effects, True)
-        training, unseen = [], []
-        for line, one, sigma in zip(lines, self.evidence.residual_models, self.evidence.sigmas, strict=True):
-            rows = rows_of_choice(one)
-            weight = (rows[0][:, None] & one.measured) / sigma
-            x = (line.sensitivity * weight).reshape(len(line.sensitivity), -1)
-            training.append((x @ x.T, x @ (line.residual * weight).ravel()))
-            unseen.append((line, np.where(rows[1][:, None] & one.measured, 1.0, np.nan)))
-        information, gradient = (sum(parts) for parts in zip(*training, strict=True))
+        problem = self._linear_problem(trial, [rows_of_choice(one) for one in self.evidence.residual_models])
         change = np.concatenate(
             [(file_values(effect, self.vehicle) - trial.values[effect.key]) for effect in effects]
         ) / parameter_steps(effects)
@@ -159,10 +171,9 @@ class Judge:
             others = np.setdiff1d(np.arange(len(change)), rows)
             step = np.zeros(len(change))
             step[rows] = change[rows]
-            right = gradient[others] + information[np.ix_(others, rows)] @ change[rows]
-            step[others] = -solve(information[np.ix_(others, others)], right)
-            parts = [(line.residual + np.tensordot(step, line.sensitivity, 1)) * known for line, known in unseen]
-            found[item] = log_error(parts)
+            right = problem.gradient[others] + problem.information[np.ix_(others, rows)] @ change[rows]
+            step[others] = -solve(problem.information[np.ix_(others, others)], right)
+            found[item] = problem.error(step)
         return found
 
     def error_beyond(self, trial: Trial) -> float:
@@ -170,24 +181,33 @@ class Judge:
 
         To first order, and for the speeds of vehicle and rotors together, see `rows_by_pace`.
         """
-        effects, models = (*trial.names, *trial.equation), self.evidence.residual_models
-        lines = residuals_at(self.evidence, self.vehicle)
-        if effects:
-            repaired = with_effects(self.vehicle, list(effects), trial.values)
-            lines = self.evidence.cache.linearisations(models, repaired, effects, True)
-        paces, total = [rows_by_pace(one) for one in models], 0.0
+        paces, total = [rows_by_pace(one) for one in self.evidence.residual_models], 0.0
         for name in set.intersection(*(set(one) for one in paces)):
-            fits, parts = [], []
-            for one, line, sigma, rows in zip(models, lines, self.evidence.sigmas, paces, strict=True):
-                slow, fast = (part[:, None] & one.measured for part in rows[name])
-                x = (line.sensitivity * slow / sigma).reshape(len(line.sensitivity), line.residual.size)
-                fits.append((x @ x.T, x @ (line.residual / sigma).ravel()))
-                parts.append((line, np.where(fast, 1.0, np.nan)))
-            step = -solve(*(sum(part) for part in zip(*fits, strict=True)))
-            total += log_error(
-                [(line.residual + np.tensordot(step, line.sensitivity, 1)) * fast for line, fast in parts]
-            )
+            problem = self._linear_problem(trial, [one[name] for one in paces])
+            total += problem.error(-solve(problem.information, problem.gradient))
         return total
+
+    def _linear_problem(self, trial: Trial, rows) -> _LinearProblem:
+        """Return a trial to first order about its values.
+
+        Args:
+            trial: the trial.
+            rows: of each recording, which residuals (m,) the fit uses, and which judge it.
+        """
+        effects, models = (*trial.names, *trial.equation), self.evidence.residual_models
+        repaired = with_effects(self.vehicle, list(effects), trial.values)
+        if effects:
+            lines = self.evidence.cache.linearisations(models, repaired, effects, True)
+        else:
+            lines = residuals_at(self.evidence, repaired)
+        products, unseen = [], []
+        for one, line, sigma, (used, judging) in zip(models, lines, self.evidence.sigmas, rows, strict=True):
+            weight = (used[:, None] & one.measured) / sigma
+            x = (line.sensitivity * weight).reshape(len(line.sensitivity), weight.size)
+            products.append((x @ x.T, x @ (line.residual * weight).ravel()))
+            unseen.append((line, np.where(judging[:, None] & one.measured, 1.0, np.nan)))
+        information, gradient = (sum(parts) for parts in zip(*products, strict=True))
+        return _LinearProblem(information, gradient, unseen)
 
     def _with_equation(self, trial: Trial) -> Trial:
         """Return the trial with the equation of what its names leave, without summands that make it worse."""
