@@ -1,7 +1,7 @@
 """Gaussian-process regression with a squared-exponential kernel of one length scale for all normalised inputs.
 
-Length scale and noise are those with which the samples of some blocks predict another block best. The marginal
-likelihood would take noise that is correlated in time for a function of the inputs.
+Each target has its own length scale and noise: those with which the samples of some blocks predict another block best.
+The marginal likelihood would take noise that is correlated in time for a function of the inputs.
 """
 
 from dataclasses import dataclass
@@ -23,13 +23,15 @@ class GaussianProcess:
 
     Attributes:
         inputs: (n, d) training inputs, divided by `scale`.
-        scale: (d,) standard deviation of each input times the length scale.
+        scale: (d,) standard deviation of each input.
+        lengths: (k,) length scale of each target, in standard deviations of the inputs.
         coefficients: (n, k) weights of the training inputs.
         log_squares: (b, k) log(mean squared error) with which each of b blocks is predicted from others, see `fit`.
     """
 
     inputs: np.ndarray
     scale: np.ndarray
+    lengths: np.ndarray
     coefficients: np.ndarray
     log_squares: np.ndarray
 
@@ -46,17 +48,21 @@ def fit(blocks, forward: bool = False) -> GaussianProcess:
     tried = [_log_squares(one, others, deviation) for one, others in splits(blocks, forward)]
     tried = np.stack(tried)  # (b, lengths, noises, k)
     mean = tried.mean(axis=0)
-    length = int(np.argmin(mean.min(axis=1).sum(axis=-1)))
-    noises, columns = mean[length].argmin(axis=0), np.arange(targets.shape[1])
+    columns = range(targets.shape[1])
+    best = [np.unravel_index(mean[..., k].argmin(), mean.shape[:2]) for k in columns]
     chosen = evenly_spaced(len(inputs), MAX_SAMPLES)
-    scale = deviation * LENGTHS[length]
-    scaled, targets = inputs[chosen] / scale, targets[chosen]
-    kernel = _kernel(scaled, scaled)
+    scaled, targets = inputs[chosen] / deviation, targets[chosen]
+    lengths = np.array([LENGTHS[length] for length, _ in best])
     coefficients = [
-        linalg.solve(kernel + NOISES[noise] * np.eye(len(kernel)), column, assume_a="pos")
-        for noise, column in zip(noises, targets.T, strict=True)
+        linalg.solve(
+            _kernel(scaled / lengths[k], scaled / lengths[k]) + NOISES[best[k][1]] * np.eye(len(scaled)),
+            targets[:, k],
+            assume_a="pos",
+        )
+        for k in columns
     ]
-    return GaussianProcess(scaled, scale, np.stack(coefficients, axis=-1), tried[:, length, noises, columns])
+    log_squares = np.stack([tried[:, *best[k], k] for k in columns], axis=-1)
+    return GaussianProcess(scaled, deviation, lengths, np.stack(coefficients, axis=-1), log_squares)
 
 
 def splits(blocks, forward: bool) -> list[tuple]:
@@ -104,11 +110,16 @@ def _kernel(a, b) -> np.ndarray:
     return np.exp(-0.5 * np.maximum(squared, 0.0))
 
 
-def weights(squared_distance):
-    """Return the kernel (..., n) at squared normalised distances (..., n)."""
-    return jnp.exp(-0.5 * squared_distance)
+def weights(squared_distance, lengths):
+    """Return the kernel (..., n, k) at squared normalised distances (..., n) for each of k length scales."""
+    return jnp.exp(-0.5 * squared_distance[..., None] / lengths**2)
 
 
 def predict(model: GaussianProcess, queries):
     """Return the mean (m, k) at queries (m, d)."""
-    return _kernel(np.asarray(queries) / model.scale, model.inputs) @ model.coefficients
+    scaled = np.asarray(queries) / model.scale
+    columns = (
+        _kernel(scaled / length, model.inputs / length) @ column
+        for length, column in zip(model.lengths, model.coefficients.T, strict=True)
+    )
+    return np.stack(list(columns), axis=-1)

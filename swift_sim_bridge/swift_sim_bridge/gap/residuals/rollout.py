@@ -26,6 +26,7 @@ class BlackBox(NamedTuple):
     Attributes:
         inputs: (v, 7) samples of the scaled inputs, see `black_box_inputs`.
         scale: (7,) of the inputs.
+        lengths: (3,) length scale of a Gaussian process on each axis, in units of the scaled inputs.
         targets: (v, 3) values or coefficients of the samples, see `residual_models`.
         nearest: 1 for nearest neighbours, 0 for a Gaussian process.
         level: (3,) added for all inputs, m/s^2.
@@ -33,6 +34,7 @@ class BlackBox(NamedTuple):
 
     inputs: np.ndarray
     scale: np.ndarray
+    lengths: np.ndarray
     targets: np.ndarray
     nearest: float
     level: np.ndarray
@@ -66,8 +68,9 @@ def black_box_force(box: BlackBox, inputs):
     """Return the specific force (m, 3) m/s^2 that a black box adds for inputs (m, 7), see `black_box_inputs`."""
     difference = (inputs / box.scale)[:, None, :] - box.inputs
     squared = jnp.sum(difference * difference, axis=-1)
-    weights = jnp.where(box.nearest > 0, nearest_neighbors.weights(squared), gaussian_process.weights(squared))
-    return box.level + jnp.sum(weights[..., None] * box.targets, axis=1)
+    nearest = nearest_neighbors.weights(squared)[..., None]
+    weights = jnp.where(box.nearest > 0, nearest, gaussian_process.weights(squared, box.lengths))
+    return box.level + jnp.sum(weights * box.targets, axis=1)
 
 
 def _level(box: BlackBox, inputs):

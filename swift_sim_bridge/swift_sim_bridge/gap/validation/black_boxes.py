@@ -146,8 +146,11 @@ def _gain(without, log_squares) -> np.ndarray:
 
 
 def _log_squares_of_neighbors(block: Samples, others: list[Samples]) -> np.ndarray:
-    """Return log(mean squared error) (3,) in a block of the nearest neighbours among the other blocks' samples."""
-    neighbors = _neighbors(joined(others))
+    """Return log(mean squared error) (3,) in a block of the nearest neighbours among the other blocks' samples.
+
+    They are as many as those of the Gaussian process with which they compete.
+    """
+    neighbors = _neighbors(joined(others), gaussian_process.MAX_TRIED)
     return gaussian_process.log_mean_square(block.targets - nearest_neighbors.predict(neighbors, block.inputs))
 
 
@@ -165,18 +168,19 @@ def _blocks(flights: list[Samples]) -> list[Samples]:
 
 
 def _gp_box(process: GaussianProcess) -> BlackBox:
-    return BlackBox(process.inputs, process.scale, process.coefficients, 0.0, np.zeros(len(AXES)))
+    return BlackBox(process.inputs, process.scale, process.lengths, process.coefficients, 0.0, np.zeros(len(AXES)))
 
 
-def _neighbors(samples: Samples) -> NearestNeighbors:
-    """Return nearest neighbours among as many of the samples as a Gaussian process uses."""
-    chosen = gaussian_process.evenly_spaced(len(samples.inputs), gaussian_process.MAX_SAMPLES)
+def _neighbors(samples: Samples, most: int = gaussian_process.MAX_SAMPLES) -> NearestNeighbors:
+    """Return nearest neighbours among at most `most` of the samples, evenly spaced."""
+    chosen = gaussian_process.evenly_spaced(len(samples.inputs), most)
     return nearest_neighbors.fit(samples.inputs[chosen], samples.targets[chosen])
 
 
 def _knn_box(samples: Samples) -> BlackBox:
     neighbors = _neighbors(samples)
-    return BlackBox(neighbors.inputs, neighbors.scale, neighbors.targets, 1.0, np.zeros(len(AXES)))
+    lengths = np.ones(len(AXES))  # nearest neighbours have none
+    return BlackBox(neighbors.inputs, neighbors.scale, lengths, neighbors.targets, 1.0, np.zeros(len(AXES)))
 
 
 def _inputs(part: Part, vehicle: Vehicle) -> np.ndarray:

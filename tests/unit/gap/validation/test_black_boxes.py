@@ -67,6 +67,18 @@ def test_what_one_flight_alone_shows_is_refused_and_what_all_show_is_not():
     assert kinds["x"] != "none" and kinds["y"] == kinds["z"] == "none"
 
 
+def test_each_axis_has_a_length_scale_of_its_own():
+    flights = [Samples(states(seed) * [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], noise(seed + 50)) for seed in range(4)]
+    for one in flights:
+        one.targets[:, 0] += 0.5 * np.sin(0.8 * one.inputs[:, 0])
+        one.targets[:, 2] += 0.1 * one.inputs[:, 0]
+    *learned, other = flights
+    box, kinds = fit_remainder(learned, same_flights=False)
+    assert kinds == {"x": "gp", "y": "none", "z": "gp"} and box.lengths[0] < box.lengths[2]
+    left = other.targets - np.asarray(black_box_force(box, other.inputs))
+    assert np.std(left, axis=0) == pytest.approx([NOISE] * 3, rel=0.1)
+
+
 BIASES = [0.4, 0.1, 0.7, -0.3]  # m/s^2 along y, of three flights and of another one
 
 
