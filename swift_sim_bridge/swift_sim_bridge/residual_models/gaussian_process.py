@@ -61,7 +61,7 @@ def fit(blocks, forward: bool = False) -> GaussianProcess:
         )
         for k in columns
     ]
-    log_squares = np.stack([tried[:, *best[k], k] for k in columns], axis=-1)
+    log_squares = np.stack([tried[:, length, noise, k] for k, (length, noise) in enumerate(best)], axis=-1)
     return GaussianProcess(scaled, deviation, lengths, np.stack(coefficients, axis=-1), log_squares)
 
 
