@@ -17,7 +17,7 @@ LOG, PLAN, CASES = "log.jsonl", "plan.json", "cases"
 REPORT, RESOLVED = "report.json", "resolved.json"  # of a case; the second one after the proposed manoeuvre was flown
 MANOEUVRE_FAMILIES = ("poor", "confusable")  # families of our own simulator in which a proposed manoeuvre is flown
 # Entries of a record that cannot be computed from the files
-RUN_ENTRIES = ("generator", "seconds", "removed", "race_s")
+RUN_ENTRIES = ("generator", "seconds", "removed", "race_s", "acts_sigma")
 
 
 @cache

@@ -64,12 +64,14 @@ class FlownCase:
         entry: its entry of the plan.
         case: the case.
         table: its recording.
+        truth: truth of this flight.
         held_out: held_out() returns the truth of the held-out flight; RotorPy flies it only on demand.
     """
 
     entry: Entry
     case: cases.Case
     table: FlightTable
+    truth: Truth
     held_out: Callable[[], Truth]
 
 
@@ -144,8 +146,8 @@ def _fly_own(entries: Sequence[Entry]) -> list[FlownCase]:
     padded = orders + orders[-1:] * (2 * GROUP - len(orders))  # always one shape, which is compiled once
     truths = flight.fly(padded)
     return [
-        FlownCase(entry, case, case.record(truths[2 * i], entry.name), partial(truths.__getitem__, 2 * i + 1))
-        for i, (entry, case) in enumerate(zip(entries, drawn, strict=True))
+        FlownCase(entry, case, case.record(truth, entry.name), truth, partial(truths.__getitem__, 2 * i + 1))
+        for i, (entry, case, truth) in enumerate(zip(entries, drawn, truths[::2], strict=False))
     ]
 
 
@@ -153,7 +155,7 @@ def _fly_rotorpy(entry: Entry) -> FlownCase:
     """Fly a case with RotorPy."""
     case = cases.draw_case(entry.family, entry.seed, entry.effect, entry.multiple, for_rotorpy=True)
     truth = rotorpy_flight.fly(case.order)
-    return FlownCase(entry, case, case.record(truth, entry.name), partial(rotorpy_flight.fly, case.held_out))
+    return FlownCase(entry, case, case.record(truth, entry.name), truth, partial(rotorpy_flight.fly, case.held_out))
 
 
 def _evaluate(flown: FlownCase, out: Path, tool: Tool, keep: bool) -> dict:
@@ -181,6 +183,8 @@ def _evaluate(flown: FlownCase, out: Path, tool: Tool, keep: bool) -> dict:
     if (result["exact"] or flown.entry.family in families.STRANGE_FAMILIES) and found.repaired:
         true_content = flown.case.order.content
         result["removed"] = holdout.removed_share(flown.held_out(), flown.case.vehicle, found.repaired, true_content)
+    if flown.entry.family in families.STRANGE_FAMILIES:
+        result["acts_sigma"] = holdout.significance(flown.truth, flown.case.vehicle, flown.case.order.content)
     if flown.entry.family == "strange_race":
         worlds = flown.case.vehicle, found.repaired or flown.case.vehicle, flown.case.order.content
         result["race_s"] = dict(zip(RACED, race.race_times(worlds, flown.case.vehicle), strict=True))

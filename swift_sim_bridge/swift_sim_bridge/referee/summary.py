@@ -15,6 +15,7 @@ MIN_RATIO = 3.0  # size relative to the detectable size from which on an estimat
 MIN_INTERVALS = 450  # intervals from which on their coverage is compared without its standard error, 1 %
 MIN_REMOVED = 0.8  # of the excess error on another flight, by the repair of a vehicle with physics without a name
 SAME_RACE = 0.01  # share by which race times of worlds may differ that count as the same
+MIN_ACTION = 10.0  # standard deviations by which physics without a name must act in a flight to be asked for
 MAX_VALUE_ERROR = 0.05  # of a value that the file has wrong by a large factor
 Z95 = 1.959964  # 97.5 % quantile of the normal distribution
 SINGLES = ("single", "sheet", "gusty", "confusable", "foreign")  # families with one effect in a complete recording
@@ -54,6 +55,11 @@ def _is_same_race(race_s: dict, world: str) -> bool | None:
     return own is not None and abs(own - concealed) <= SAME_RACE * concealed
 
 
+def _where_it_acts(met: Callable[[dict], bool | None]) -> Callable[[dict], bool | None]:
+    """Return the metric of the cases whose concealed physics acts in the recorded flight; a stall may never begin."""
+    return lambda record: met(record) if record.get("acts_sigma", math.inf) >= MIN_ACTION else None
+
+
 METRICS = (
     Metric("answered", lambda r: r["verdict"] not in NO_ANSWER, {"own": 1.0, "rotorpy": 1.0}),
     Metric("false alarms on null cases", lambda r: r["alarm"], {"own": 0.01, "rotorpy": 0.02}, at_most=True),
@@ -86,19 +92,19 @@ METRICS = (
     ),
     Metric(
         "physics without a name: unknown, correct layer and axis",
-        lambda r: r.get("axis_on_knockout"),
+        _where_it_acts(lambda r: r.get("axis_on_knockout")),
         {"own": 0.9},
         families=STRANGE_FAMILIES,
     ),
     Metric(
         "physics without a name: correct quantity, too",
-        lambda r: r["quantity_on_knockout"],
+        _where_it_acts(lambda r: r["quantity_on_knockout"]),
         {},
         families=STRANGE_FAMILIES,
     ),
     Metric(
         f"physics without a name: {100 * MIN_REMOVED:.0f} % of the excess error on another flight removed",
-        lambda r: r["removed"] >= MIN_REMOVED if r.get("removed") is not None else None,
+        _where_it_acts(lambda r: r["removed"] >= MIN_REMOVED if r.get("removed") is not None else None),
         {"own": 0.9},
         families=STRANGE_FAMILIES,
     ),

@@ -223,15 +223,16 @@ def test_the_right_answer_is_unknown_in_the_law_s_layer_and_on_its_axis_and_its_
     assert scored() == (False, False, False)
 
 
-def test_what_a_repair_removes_counts_apart_from_exact_names():
+def test_what_a_repair_removes_counts_apart_from_exact_names_and_only_where_the_law_acts():
     good, bad = (
         scoring.score(
             answer("arm_resonance", family="strange_blind"), report(equation(RIGHT["arm_resonance"][1], layer="motor"))
         )
-        | {"removed": share}
-        for share in (0.9, 0.4)
+        | {"removed": share, "acts_sigma": acts}
+        for share, acts in ((0.9, 60.0), (0.4, 11.0))
     )
-    result = summary.summarise([good, bad], "own")
+    idle = bad | {"axis_on_knockout": False, "acts_sigma": 0.0}  # nothing of it is in the recording
+    result = summary.summarise([good, bad, idle], "own")
     rates = {rate["name"]: (rate["hits"], rate["count"]) for rate in result["rates"]}
     (name,) = (name for name in rates if name.startswith("physics without a name: 80 %"))
     assert rates[name] == (1, 2) and rates["physics without a name: unknown, correct layer and axis"] == (2, 2)

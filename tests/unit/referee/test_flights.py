@@ -136,6 +136,15 @@ def test_the_removed_share_is_one_for_the_true_vehicle_zero_for_the_nominal_and_
     assert holdout.rollout_errors(beside_memory, [true])[0] < 1e-6
 
 
+def test_what_a_flight_never_excites_does_not_act_in_it():
+    order, truth = fleet()["rotor_drag"][0]
+    still = fleet()["rotor_drag"][1][0].content
+    assert holdout.significance(truth, still, order.content) > 30.0
+    assert holdout.significance(truth, order.content, order.content) == 0.0
+    never = order.content | {"strange": {"pad": 0.3, "center": [100.0, 0.0, 0.0]}}  # a place that it does not reach
+    assert holdout.significance(truth, never, order.content) < 1e-3
+
+
 def test_a_late_pose_is_an_earlier_pose_and_markers_have_their_offset():
     truth = fleet()["rotor_drag"][0][1]
     t = truth.t[1000:1400]
