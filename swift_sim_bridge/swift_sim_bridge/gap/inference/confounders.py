@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, solve
+from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, fit_gain, solve
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem, accepts, explains, fit
 
 MIN_CONFOUNDER_WEIGHT = 0.05  # relative likelihood above which a confounder is reported
@@ -81,9 +81,10 @@ def find_confounders(
 
     A confounder lowers the squares nearly as much, explains them in the effect's place, and makes it superfluous. It
     need not be significant by itself: the selected effect shows that something is there. The penalties of parameters
-    count between large effects alone. They hold that few parameters differ from the file; but by little many do, and a
-    small error of the centre of mass is no less likely than a slightly damaged propeller. Between small effects a
-    parameter counts by the noise that it fits.
+    count between large effects alone, and only of those that the effect needs: a pack whose resistance alone is wrong
+    is no less likely for the slope of its voltage, which is right. They hold that few parameters differ from the file;
+    but by little many do, and a small error of the centre of mass is no less likely than a slightly damaged propeller.
+    Between small effects a parameter counts by the noise that it fits.
     """
     others = [other for other in selected if other != key]
     base, best = problem.gain(others), problem.gain(selected)
@@ -95,7 +96,9 @@ def find_confounders(
             continue
         if explains(problem, others, candidate) and not accepts(problem, [*others, candidate], key)[0]:
             scores[candidate] = _lead(problem, others, candidate, key)
-            if not (large and is_large(problem, others, candidate)):
+            if large and is_large(problem, others, candidate):
+                scores[candidate] += _unneeded(problem, others, candidate) - _unneeded(problem, others, key)
+            else:
                 more = problem.parameter_count(candidate) - problem.parameter_count(key)
                 scores[candidate] += problem.penalty(candidate) - problem.penalty(key) - FITTED_NOISE * more
     highest = max(scores.values())
@@ -107,6 +110,19 @@ def find_confounders(
         if weight / total > MIN_CONFOUNDER_WEIGHT or name == key
     }
     return dict(sorted(likely.items(), key=lambda item: -item[1]))
+
+
+def _unneeded(problem: SelectionProblem, others: list[str], key: str) -> float:
+    """Return the penalty of those parameters of an effect without which it explains as much, less the gain they add."""
+    base, own = problem.rows(others), problem.rows([key])
+    each, inflation = problem.penalty(key) / len(own), problem.null_distribution.variance_inflation(key)
+    gains = {
+        kept: fit_gain(problem.equations, np.concatenate([base, kept]))
+        for size in range(1, len(own) + 1)
+        for kept in combinations(own, size)
+    }
+    scores = [0.5 * gain / inflation + each * (len(own) - len(kept)) for kept, gain in gains.items()]
+    return max(scores) - 0.5 * gains[tuple(own)] / inflation
 
 
 def is_large(problem: SelectionProblem, others: list[str], key: str) -> bool:

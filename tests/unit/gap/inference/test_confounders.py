@@ -52,8 +52,8 @@ def test_unexplained_residuals_hide_the_difference_between_two_effects():
     assert set(find_confounders(replace(problem, equations=equations), ["drag"], "drag")) == {"drag", "similar drag"}
 
 
-def problem_with_sum(parameters, whole: int, parts: tuple[int, int], seed: int = 100) -> SelectionProblem:
-    """Return the problem of a flight in which one sensitivity is the sum of two others."""
+def problem_with_sum(parameters, whole: int, parts: tuple[int, ...], seed: int = 100) -> SelectionProblem:
+    """Return the problem of a flight in which one sensitivity is the sum of others."""
 
     def with_sum(seed, parameters=(0.0,) * 5):
         line = flight(seed, parameters, similarity=0.3)
@@ -86,6 +86,14 @@ def test_of_small_effects_the_one_with_fewer_parameters_is_mostly_likelier_where
     assert sum(next(iter(weights)) == "drag" for weights in found) >= 9
     uneven = problem_with_sum((0.0, 0.24, 0.14, 0.0, 0.0), 0, (1, 2))
     assert next(iter(find_confounders(uneven, ["drag"], "drag"))) == "lift"
+
+
+def test_a_parameter_that_an_effect_does_not_need_makes_it_no_less_likely():
+    """Lift explains a large drag by one of its two parameters, as a pack does whose resistance alone is wrong."""
+    problem = problem_with_sum((0.5, 0.0, 0.0, 0.0, 0.0), whole=1, parts=(0,))
+    assert is_large(problem, [], "drag") and is_large(problem, [], "lift")
+    assert set(find_confounders(problem, ["drag"], "drag")) == set(find_confounders(problem, ["lift"], "lift"))
+    assert set(find_confounders(problem, ["drag"], "drag")) == {"drag", "lift"}
 
 
 def test_an_effect_that_was_selected_first_is_replaced_by_one_that_explains_more():
