@@ -1,8 +1,8 @@
 """Evaluation of vehicle files by rollouts with the referee's simulator.
 
 From the true state at the start of each window, the nominal, the repaired and the true vehicle fly the recorded motor
-commands. The error of the true vehicle comes from process noise and cannot be removed. A repair is evaluated on a flight
-that the tool has not seen. Whether what a case conceals acts at all is seen in the flight that the tool gets.
+commands. The error of the true vehicle comes from process noise and cannot be removed. A repair is evaluated on a
+flight that the tool has not seen. Whether what a case conceals acts at all is seen in the flight that the tool gets.
 """
 
 from collections.abc import Sequence

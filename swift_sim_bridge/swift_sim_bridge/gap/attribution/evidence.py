@@ -124,15 +124,23 @@ class SelectedEffect:
     def interval95(self, seconds: int) -> np.ndarray:
         """Return the 95 % interval (2, k) of its parameters over all explanations, from `seconds` s of recordings.
 
-        It ends at the physical bounds of the parameters.
+        It ends at the physical bounds of the parameters. The value that is reported lies in it, however unlikely the
+        effect is beside another one in its place.
         """
         rivals = self.rivals
         weights = np.array([1.0, *(one.weight for one in rivals)])
         means = self.values + np.array([np.zeros(len(self.values)), *(one.shift for one in rivals)])
         errors = np.array([np.sqrt(np.diag(self.covariance)), *(one.errors for one in rivals)])
         errors = errors * stats.t.ppf(0.975, max(seconds - 1, 1)) / stats.norm.ppf(0.975)
-        ends = [mixture_quantile(share, weights / weights.sum(), means, errors) for share in (0.025, 0.975)]
+        low, high = (mixture_quantile(share, weights / weights.sum(), means, errors) for share in (0.025, 0.975))
+        ends = np.minimum(low, self.values), np.maximum(high, self.values)
         return np.clip(ends, *np.array([(one.low, one.high) for one in self.effect.parameters]).T)
+
+    def fitted_again(self, values: np.ndarray, covariance: np.ndarray) -> "SelectedEffect":
+        """Return the effect with other values (k,) of its parameters and their covariance (k, k)."""
+        key, more = self.effect.key, values - self.values
+        changes = {other: change + more if other == key else change for other, change in self.changes.items()}
+        return replace(self, values=values, covariance=covariance, changes=changes)
 
     def without_confounders(self, keys) -> "SelectedEffect":
         """Return the effect without some of its confounders, given by key."""

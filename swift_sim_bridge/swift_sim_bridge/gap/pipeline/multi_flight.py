@@ -171,7 +171,7 @@ def _refit(single: SingleRecording, vehicle: Vehicle, shared: tuple[SelectedEffe
     effects, initial = [one.effect for one in fitted.values()], {key: one.values for key, one in fitted.items()}
     ready = with_effect_terms(base, single.evidence.effects)
     values, covariance = gauss_newton_fit(single.evidence, ready, effects, initial)
-    refitted = {key: replace(one, values=values[key], covariance=covariance[key]) for key, one in fitted.items()}
+    refitted = {key: one.fitted_again(values[key], covariance[key]) for key, one in fitted.items()}
     return replace(single, own_effects=tuple(refitted.get(one.effect.key, one) for one in single.own_effects))
 
 

@@ -91,7 +91,7 @@ def _on_whole_flights(judge: Judge, trial: Trial, names: tuple[SelectedEffect, .
         for item in unstable:
             stable = judge.without(stable, item)
         return _on_whole_flights(judge, stable, names, fixed)
-    refitted = (replace(one, values=values[one.effect.key], covariance=covariance[one.effect.key]) for one in kept)
+    refitted = (one.fitted_again(values[one.effect.key], covariance[one.effect.key]) for one in kept)
     summands = (SelectedEffect(one, values[one.key], covariance[one.key], 0.0) for one in trial.equation)
     shares = {one.name: one.removed_share for one in trial.found}
     return Repair((*refitted, *fixed), left_out, tuple(summands), shares)

@@ -21,11 +21,12 @@ DRAG = Effect(
     manoeuvre="",
     channels=(),
 )
+CHANGE = {"drag": np.array([2.0])}  # from the value of the file, 3
 
 
 def interval(**more) -> list[float]:
     """Return the interval of a value of 5 with a standard error of 0.1, where the file has 3."""
-    one = SelectedEffect(DRAG, np.array([5.0]), 0.01 * np.eye(1), 9.0, changes={"drag": np.array([2.0])}, **more)
+    one = SelectedEffect(DRAG, np.array([5.0]), 0.01 * np.eye(1), 9.0, changes=CHANGE, **more)
     return one.interval95(SECONDS)[:, 0].tolist()
 
 
@@ -35,6 +36,17 @@ def test_without_another_explanation_the_interval_is_that_of_the_fit():
 
 def test_where_another_effect_may_act_in_its_place_the_interval_reaches_the_value_of_the_file():
     assert interval(confounders={"drag": 0.6, "lift": 0.4}) == pytest.approx([3.0, 5.173], abs=1e-3)
+
+
+def test_where_another_effect_is_by_far_likelier_the_interval_still_holds_the_value_that_is_reported():
+    unlikely = {"drag": 1e-6, "lift": 1.0 - 1e-6}
+    assert interval(confounders=unlikely) == pytest.approx([3.0, 5.0], abs=1e-3)
+
+
+def test_after_another_fit_the_interval_reaches_the_same_value_of_the_file():
+    one = SelectedEffect(DRAG, np.array([5.0]), 0.01 * np.eye(1), 9.0, {"drag": 0.6, "lift": 0.4}, CHANGE)
+    low, high = one.fitted_again(np.array([4.0]), 0.01 * np.eye(1)).interval95(SECONDS)[:, 0]
+    assert (low, high) == pytest.approx((3.0, 4.173), abs=1e-3)
 
 
 @pytest.mark.parametrize(("weight", "low"), [(0.2, 3.793), (1e-3, 4.804)])
