@@ -141,6 +141,7 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
     bare = problem_without_variants(evidence, vehicle, effects, keys, values) or problem
     _, covariance = gauss_newton_fit(evidence, vehicle, [effects[key] for key in keys], values)
     lower_pack = used_pack(evidence, vehicle, [effects[key] for key in keys], values, covariance)
+    driven = any(one.recording.driven for one in evidence.residual_models)
     found = []
     for key in keys:
         others, effect = [other for other in keys if other != key], effects[key]
@@ -149,7 +150,8 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
             continue
         _, significance = stepwise.accepts(problem, others, key)
         own = bare if effect.exclusive else problem
-        confounders = find_confounders(own, keys, key, other_variants(others, effects))
+        # without rotor speeds thrust, motors and pack act through the same modelled ones: parameters decide less
+        confounders = find_confounders(own, keys, key, other_variants(others, effects), all_count=not driven)
         changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
         certain = few and key not in explanation.uncertain and not explanation.terms

@@ -75,16 +75,23 @@ def simpler_replacement(
 
 
 def find_confounders(
-    problem: SelectionProblem, selected: list[str], key: str, excluded: Iterable[str] = ()
+    problem: SelectionProblem, selected: list[str], key: str, excluded: Iterable[str] = (), all_count: bool = True
 ) -> dict[str, float]:
     """Return the effects that could replace a selected one, with their relative likelihoods, itself included.
 
     A confounder lowers the squares nearly as much, explains them in the effect's place, and makes it superfluous. It
     need not be significant by itself: the selected effect shows that something is there. The penalties of parameters
-    count between large effects alone, and only of those that the effect needs: a pack whose resistance alone is wrong
-    is no less likely for the slope of its voltage, which is right. They hold that few parameters differ from the file;
-    but by little many do, and a small error of the centre of mass is no less likely than a slightly damaged propeller.
-    Between small effects a parameter counts by the noise that it fits.
+    count between large effects alone. They hold that few parameters differ from the file; but by little many do, and a
+    small error of the centre of mass is no less likely than a slightly damaged propeller. Between small effects a
+    parameter counts by the noise that it fits.
+
+    Args:
+        problem: the data.
+        selected: the selected effects.
+        key: the selected effect.
+        excluded: effects that must not be selected.
+        all_count: whether all parameters of a large effect count against it, or only those that it needs: a pack whose
+            resistance alone is wrong is no less likely for the slope of its voltage, which is right.
     """
     others = [other for other in selected if other != key]
     base, best = problem.gain(others), problem.gain(selected)
@@ -96,11 +103,11 @@ def find_confounders(
             continue
         if explains(problem, others, candidate) and not accepts(problem, [*others, candidate], key)[0]:
             scores[candidate] = _lead(problem, others, candidate, key)
-            if large and is_large(problem, others, candidate):
-                scores[candidate] += _unneeded(problem, others, candidate) - _unneeded(problem, others, key)
-            else:
+            if not (large and is_large(problem, others, candidate)):
                 more = problem.parameter_count(candidate) - problem.parameter_count(key)
                 scores[candidate] += problem.penalty(candidate) - problem.penalty(key) - FITTED_NOISE * more
+            elif not all_count:
+                scores[candidate] += _unneeded(problem, others, candidate) - _unneeded(problem, others, key)
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())
