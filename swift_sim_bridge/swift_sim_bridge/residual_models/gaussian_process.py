@@ -48,18 +48,13 @@ def fit(blocks, forward: bool = False) -> GaussianProcess:
     tried = [_log_squares(one, others, deviation) for one, others in splits(blocks, forward)]
     tried = np.stack(tried)  # (b, lengths, noises, k)
     mean = tried.mean(axis=0)
-    columns = range(targets.shape[1])
-    best = [np.unravel_index(mean[..., k].argmin(), mean.shape[:2]) for k in columns]
+    best = [np.unravel_index(of_target.argmin(), of_target.shape) for of_target in np.moveaxis(mean, -1, 0)]
     chosen = evenly_spaced(len(inputs), MAX_SAMPLES)
     scaled, targets = inputs[chosen] / deviation, targets[chosen]
-    lengths = np.array([LENGTHS[length] for length, _ in best])
+    lengths, noises = np.array([(LENGTHS[length], NOISES[noise]) for length, noise in best]).T
     coefficients = [
-        linalg.solve(
-            _kernel(scaled / lengths[k], scaled / lengths[k]) + NOISES[best[k][1]] * np.eye(len(scaled)),
-            targets[:, k],
-            assume_a="pos",
-        )
-        for k in columns
+        linalg.solve(_kernel(scaled / length, scaled / length) + noise * np.eye(len(scaled)), column, assume_a="pos")
+        for length, noise, column in zip(lengths, noises, targets.T, strict=True)
     ]
     log_squares = np.stack([tried[:, length, noise, k] for k, (length, noise) in enumerate(best)], axis=-1)
     return GaussianProcess(scaled, deviation, lengths, np.stack(coefficients, axis=-1), log_squares)
