@@ -94,6 +94,22 @@ def test_a_quantity_counts_from_a_value_on():
     assert speeds == pytest.approx(np.zeros(4), abs=1e-9)
 
 
+def test_what_adds_to_the_thrust_of_each_rotor_turns_the_vehicle_where_rotors_differ():
+    force, moment, *_ = shown(rotor_thrust={"1": summand(-0.1), "v_z": summand(0.2)})
+    rotors = vehicle().rotors
+    hub_v_z = np.array([V_BODY[2] + RATES[0] * r.position[1] - RATES[1] * r.position[0] for r in rotors])
+    added = -0.1 + 0.2 * hub_v_z
+    assert force == pytest.approx([0.0, 0.0, added.sum()], abs=1e-9)
+    arms = np.array([r.position for r in rotors])
+    assert moment == pytest.approx([arms[:, 1] @ added, -arms[:, 0] @ added, 0.0], abs=1e-9)
+    assert np.ptp(added) > 0.1
+
+
+def test_a_quantity_counts_around_a_value():
+    force, *_ = shown(force_x={"around(v_x,5,2)": summand(0.1)}, force_y={"around(v_x,9,2)": summand(0.1)})
+    assert force == pytest.approx([0.1 * (1.0 - 0.25) ** 2, 0.0, 0.0], abs=1e-9)
+
+
 def test_a_force_at_one_place_ends_at_its_radius():
     inside, *_ = shown(force_z={"near(1,2,3.5,1.0)": summand(2.0)})
     outside, *_ = shown(force_z={"near(1,2,5,1.0)": summand(2.0)})
@@ -107,6 +123,9 @@ def test_every_named_quantity_has_a_unit_and_a_finite_value_in_flight():
     )
     for name in quantities.MOTION:
         assert np.isfinite(float(quantities.product_of(name).value(instant))), name
+    hubs = quantities.hubs(instant)
+    for name in quantities.ROTOR:
+        assert np.isfinite([float(quantities.product_of(name, "rotor").value(hub)) for hub in hubs]).all(), name
     assert quantities.product_of("thrust v_xy^2").unit == "N m^2/s^2"
     assert equation.unit_of("force_z", "thrust v_xy^2") == "s^2/m^2"
     assert equation.unit_of("moment_x", "v_y") == "N s"
@@ -117,6 +136,8 @@ def test_every_named_quantity_has_a_unit_and_a_finite_value_in_flight():
     [
         ({"force_x": {"v_q": summand(1.0)}}, "force_x: 'v_q' has no quantity 'v_q'; there are v_x"),
         ({"rotor_speed": {"v_x": summand(1.0)}}, "rotor_speed: 'v_x' has no quantity"),
+        ({"rotor_thrust": {"omega_x": summand(1.0)}}, "rotor_thrust: 'omega_x' has no quantity"),
+        ({"force_x": {"around(v_x,1,0)": summand(1.0)}}, "has no quantity 'around"),
         ({"force_x": {"over(over(v_x,1),1)": summand(1.0)}}, "has no quantity 'over"),
         ({"force_x": {"v_x": summand(1.0, 3.0, -3.0)}}, "must rise, not fall from 3"),
         ({"force_x": {"v_x": summand(1.0)}, "covariance": [[1.0, 0.0], [0.0, 1.0]]}, "1 rows and columns"),

@@ -104,6 +104,8 @@ def test_an_equation_with_every_quantity_agrees_with_the_production_simulator():
     row = {"coefficient": 0.01, "range": [-1e3, 1e3]}
     entry = {side: dict.fromkeys(names[i::6], row) for i, side in enumerate(polynomial.WRENCH)}
     entry["force_x"] |= {"v_x v_z": row, "v_y^2": row, "thrust v_xy^2": {"coefficient": 0.01, "range": [-5.0, 5.0]}}
+    at_rotors = [*quantities.ROTOR, "over(mu,0.01)", "around(sink,0.8,0.7)", "near(1,-1,2,6.0)"]
+    entry["rotor_thrust"] = dict.fromkeys(at_rotors, row) | {"thrust mu^2": {"coefficient": 3.0, "range": [0.0, 0.004]}}
     described = content(terms={"equation": entry})
     parameters = parameters_from_vehicle(build(Vehicle, described, "test"), np.float64)
     at = state((0.2, -0.1, 0.3), (2.0, -3.0, -5.0), (1.0, -2.0, 0.5), [1100, 1300, 1250, 900], (0.1, -0.2, 0.3, 0.9))

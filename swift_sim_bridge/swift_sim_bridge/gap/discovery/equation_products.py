@@ -44,6 +44,17 @@ IN_MOTION = (
     "spin_Omega'",
     *(f"{name}_{axis}" for name in ("up", "east", "north") for axis in "xyz"),
 )
+# The same of a share of a rotor's thrust that changes somewhere in the range of a ratio, as at a stall or in a wake.
+BENDS_OF_MU, BENDS_OF_SINK = np.arange(0.005, 0.2, 0.01), np.arange(0.1, 1.8, 0.2)
+REACHES_OF_SINK = (0.4, 0.8)
+OF_ROTOR = (
+    *(f"thrust {one}".strip() for one in ("", "v_z", "v_xy", "v_xy^2", "mu", "mu^2", "mu^3", "ground")),
+    *(f"thrust {one}" for one in ("min(v_z,0)", "sink", "sink^2", "sink^3", "ring")),
+    *(f"thrust over(mu,{bend:.3f}){power}" for bend in BENDS_OF_MU for power in ("", "^2")),
+    *(f"thrust over(sink,{bend:.1f})" for bend in BENDS_OF_SINK),
+    *(f"thrust around(sink,{bend:.1f},{reach})" for bend in BENDS_OF_SINK for reach in REACHES_OF_SINK),
+    "Omega v_z",
+)
 OF_MOTOR = ("1", "u", "sqrt(u)", "u^2", "U", "U u", "U sqrt(u)", "Omega")
 OF_PACK = ("current", "charge", "current^2", "current^3", "Omega^3")
 
@@ -74,7 +85,7 @@ def products_of_recording(residual_model: ResidualModel, vehicle: Vehicle, place
     channels = residual_model.channels
     shown = {"force": SPECIFIC_FORCE, "moment": ANGULAR_ACCELERATION}
     if any(channel.quantity in shown.values() for channel in channels):
-        products = (*IN_MOTION, *_of_rotors(vehicle), *_at_places(places))
+        products = (*IN_MOTION, *_thrusts(vehicle), *_at_places(places))
         moving = _in_motion(residual_model, vehicle, parameters, products)
         for kind, quantity in shown.items():
             for c, axis in _axes(channels, quantity):
@@ -92,7 +103,7 @@ def _axes(channels: tuple[Channel, ...], quantity: str) -> Iterator[tuple[int, i
     yield from ((c, "xyz".index(one.axis)) for c, one in enumerate(channels) if one.quantity == quantity)
 
 
-def _of_rotors(vehicle: Vehicle) -> tuple[str, ...]:
+def _thrusts(vehicle: Vehicle) -> tuple[str, ...]:
     """Return the thrust of each rotor as a product."""
     return tuple(f"thrust_{i + 1}" for i in range(len(vehicle.rotors)))
 
@@ -115,6 +126,34 @@ def _in_motion(residual_model: ResidualModel, vehicle: Vehicle, parameters: Para
         rows[product] = np.broadcast_to(np.asarray(value, dtype=float), len(recording.t))
     smooth = apply(residual_model.filter.smooth, np.stack(list(rows.values()), axis=-1))
     return Products(tuple(rows), smooth, ranges_of(smooth[residual_model.good]), np.zeros(len(rows)))
+
+
+def products_at_rotors(residual_model: ResidualModel, vehicle: Vehicle, places) -> dict[int, Products]:
+    """Return by index of a channel what products that add to each rotor's thrust add to it; none without their speeds.
+
+    Unlike those of `products_of_recording` they are in the channel's unit: one coefficient has several channels.
+    """
+    recording, parameters = residual_model.recording, parameters_from_vehicle(vehicle, np.float64, np.asarray)
+    if not recording.has("single_rotor_speeds"):
+        return {}
+    products = (*OF_ROTOR, *(f"{place} thrust" for place in places))
+    hubs = quantities.hubs(instant_of_recording(recording, vehicle, parameters))
+    values = [[quantities.product_of(one, "rotor").value(hub) for one in products] for hub in hubs]
+    each = np.moveaxis(np.asarray(values, dtype=float), 2, 0)  # (n, rotors, q)
+    smooth = apply(residual_model.filter.smooth, each.reshape(len(each), -1)).reshape(-1, *each.shape[1:])
+    ranges = ranges_of(smooth[residual_model.good].reshape(-1, len(products)))
+    position = np.asarray(parameters.rotors.position)
+    moments = np.stack([position[:, 1], -position[:, 0], np.zeros(len(position))])  # of a thrust of 1 N
+    shares = {
+        SPECIFIC_FORCE: np.array([[0.0], [0.0], [1.0 / vehicle.mass]]) * np.ones(len(position)),
+        ANGULAR_ACCELERATION: np.linalg.solve(vehicle.inertia_matrix, moments),
+    }
+    return {
+        c: Products(products, np.einsum("r,nrq->nq", share[axis], smooth), ranges, np.zeros(len(products)))
+        for quantity, share in shares.items()
+        for c, axis in _axes(residual_model.channels, quantity)
+        if np.any(share[axis])
+    }
 
 
 def instant_of_recording(recording, vehicle: Vehicle, parameters: Parameters) -> Instant:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.discovery.equation_products import products_of_recording, ranges_of
+from swift_sim_bridge.gap.discovery.equation_products import products_at_rotors, products_of_recording, ranges_of
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.residuals.propulsion import MAX_ABOVE_FULL_V, voltage_above_full
@@ -110,7 +110,9 @@ class _Problem:
     levels: tuple[_Level, ...] = ()
 
 
-def search(residuals: Residuals, vehicle: Vehicle, share: float, known: Iterable[Found] = ()) -> list[Found]:
+def search(
+    residuals: Residuals, vehicle: Vehicle, share: float, known: Iterable[Found] = (), at_rotors: bool = False
+) -> list[Found]:
     """Return the summands that the residuals call for, by decreasing share of the error that each removes.
 
     Args:
@@ -118,16 +120,47 @@ def search(residuals: Residuals, vehicle: Vehicle, share: float, known: Iterable
         vehicle: the vehicle with the selected effects.
         share: share of each recording that is used, from its start.
         known: summands that are chosen already; others join them.
+        at_rotors: whether what adds to each rotor's thrust is sought before forces and moments of what it leaves.
     """
     found = list(known)
+    if at_rotors:
+        at = [products_at_rotors(one, vehicle, residuals.places) for one in residuals.residual_models]
+        if problem := _problem("rotor_thrust", at, residuals, share):
+            found += _chosen(problem, _products(found, "rotor_thrust"))
+            residuals = _less(residuals, at, problem, _products(found, "rotor_thrust"))
     columns = [products_of_recording(one, vehicle, residuals.places) for one in residuals.residual_models]
     for side in columns[0]:
         problem = _problem(side, [own.get(side, {}) for own in columns], residuals, share)
         if problem is not None and side == "voltage":
             problem = replace(problem, levels=_levels(columns, residuals, vehicle))
         if problem is not None:
-            found += _chosen(problem, [one.product for one in found if one.side == side])
+            found += _chosen(problem, _products(found, side))
     return sorted(found, key=lambda one: -one.removed_share)
+
+
+def _products(found: list[Found], side: str) -> list[str]:
+    """Return the products of one left side."""
+    return [one.product for one in found if one.side == side]
+
+
+def _less(residuals: Residuals, columns, problem: _Problem, chosen: list[str]) -> Residuals:
+    """Return the residuals less the chosen products of one left side, with the coefficients that fit them best.
+
+    Args:
+        residuals: of the recordings.
+        columns: of each recording, by index of a channel, the products.
+        problem: the regression of the left side.
+        chosen: products of it.
+    """
+    rows = [problem.products.index(one) for one in chosen]
+    coefficients = solve(problem.information.sum(axis=0)[np.ix_(rows, rows)], problem.gradient.sum(axis=0)[rows])
+    lines = []
+    for own, line in zip(columns, residuals.lines, strict=True):
+        left = line.residual.copy()
+        for c, products in own.items():
+            left[:, c] -= products.values[:, rows] @ coefficients
+        lines.append(replace(line, residual=left))
+    return replace(residuals, lines=lines)
 
 
 def _problem(side: str, columns, residuals: Residuals, share: float) -> _Problem | None:
@@ -193,11 +226,13 @@ def _chosen(problem: _Problem, known: list[str]) -> list[Found]:
 
 
 def _simplest(problem: _Problem, scores: dict[int, float], tie: float) -> int | None:
-    """Return the product of the fewest factors among those whose score is the largest but for `tie`."""
+    """Return the best product of the fewest factors among those whose score is the largest but for `tie`."""
     largest = max(scores.values(), default=-np.inf)
     tied = [j for j, score in scores.items() if score > -np.inf and score >= largest - tie]
     return min(
-        tied, key=lambda j: (sum(power for _, power in quantities.factors(problem.products[j])), j), default=None
+        tied,
+        key=lambda j: (sum(power for _, power in quantities.factors(problem.products[j])), -scores[j]),
+        default=None,
     )
 
 

@@ -12,11 +12,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffect
 from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
-from swift_sim_bridge.gap.validation.repair_trials import Judge, Trial, kinds_without_name
-
-# Difference of `unseen_error` of names and the equation that replaces them: the one with fewer numbers is better, or
-# else the names.
-SIMILAR = 0.03
+from swift_sim_bridge.gap.validation.repair_trials import SIMILAR, Judge, Trial, kinds_without_name
 
 
 @dataclass(frozen=True)
@@ -62,6 +58,7 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     if doubtful := {one.effect.key for one in all_names if one.effect.layer in layers}:
         trials.append(judge.best_of(tuple(one for one in all_names if one.effect.key not in doubtful)))
     best = min(trials, key=lambda one: one.error)
+    # Of names and the equation that replaces them, which are similar, the one with fewer numbers, or else the names.
     best = min((one for one in trials if one.error < best.error + SIMILAR), key=lambda one: one.numbers)
     fewer = [one for one in trials if set(one.names) < set(best.names)]
     if fewer:  # names that stand beside something unexplained may resemble it only as far as this flight went

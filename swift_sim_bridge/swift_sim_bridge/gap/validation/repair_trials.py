@@ -34,6 +34,7 @@ from swift_sim_bridge.physics.terms import equation
 MAX_SUMMANDS = 8  # of an equation
 # Differences of `unseen_error`, a sum of logarithms of the channels' errors.
 MIN_BETTER = 0.005  # by which an equation must make the unseen part better
+AT_ROTORS = "rotor_thrust"  # a left side that describes both, force and moment
 KINDS = {  # left sides of an equation that describe a channel, by its quantity
     SPECIFIC_FORCE: "force",
     ACCELEROMETER: "force",
@@ -41,6 +42,7 @@ KINDS = {  # left sides of an equation that describe a channel, by its quantity
     ROTOR_SPEED: "rotor_speed",
     VOLTAGE: "voltage",
 }
+SIMILAR = 0.03  # within which the one with fewer numbers is better
 MIN_WORSE = 1e-4  # by which a name or summand must make it worse to be left out
 MAX_LINEAR_ERROR = 0.02  # of an error to first order
 MAX_TRIED = 3  # names or summands that are left out in trials before the rest is taken to be needed
@@ -210,8 +212,24 @@ class Judge:
         return _LinearProblem(information, gradient, unseen)
 
     def _with_equation(self, trial: Trial) -> Trial:
-        """Return the trial with the equation of what its names leave, without summands that make it worse."""
-        found = self._summands(trial, CHOICE_SHARE)
+        """Return the trial with the equation of what its names leave, without summands that disagree; itself without.
+
+        Force and moment may come from the rotors' thrusts, or not: the equation with fewer numbers is taken unless the
+        other one makes the unseen part better.
+        """
+        plain = self._with_summands(trial, self._summands(trial, CHOICE_SHARE))
+        if AT_ROTORS not in kinds_without_name(self.found):
+            return plain
+        summands = self._summands(trial, CHOICE_SHARE, at_rotors=True)
+        if all(one.side != AT_ROTORS for one in summands):
+            return plain
+        found = [one for one in (plain, self._with_summands(trial, summands)) if one is not trial]
+        least = min((one.error for one in found), default=0.0)
+        similar = [one for one in found if one.error < least + SIMILAR]
+        return min(similar, key=lambda one: (one.numbers, one.error), default=trial)
+
+    def _with_summands(self, trial: Trial, found: list[Found]) -> Trial:
+        """Return the trial with summands beside its names, without those that disagree; itself without any."""
         while found:
             new = self._beside_names(trial, found)
             unstable = self.disagreeing(new, CHOICE_SHARE)
@@ -226,7 +244,8 @@ class Judge:
         The part from which the trial was chosen is short: of a weak cause it shows the strongest summand alone. Where
         the others change its coefficient much, they cancel it and do not join.
         """
-        found = self._summands(trial, TRAINING_SHARE, trial.found)
+        at_rotors = any(one.side == AT_ROTORS for one in trial.found)
+        found = self._summands(trial, TRAINING_SHARE, trial.found, at_rotors)
         if len(found) == len(trial.found):
             return trial
         more = self._beside_names(trial, found)
@@ -234,14 +253,14 @@ class Judge:
         factors = [after[one.name] / before[one.name] for one in trial.found if before[one.name]]
         return more if all(1.0 / MAX_FACTOR < factor < MAX_FACTOR for factor in factors) else trial
 
-    def _summands(self, trial: Trial, share: float, known: tuple[Found, ...] = ()) -> list[Found]:
+    def _summands(self, trial: Trial, share: float, known: tuple[Found, ...] = (), at_rotors=False) -> list[Found]:
         """Return the summands of what the names of a trial leave of a share of each flight, those known first."""
         repaired = with_effects(self.vehicle, list(trial.names), trial.values)
         evidence, lines = self.evidence, residuals_at(self.evidence, repaired)
         places = self.found.evidence.library.places
         residuals = polynomial_search.Residuals(evidence.residual_models, lines, evidence.sigmas, places)
         kinds = kinds_without_name(self.found)
-        found = polynomial_search.search(residuals, repaired, share, known)
+        found = polynomial_search.search(residuals, repaired, share, known, at_rotors)
         new = [one for one in found if equation.kind_of(one.side) in kinds and one not in known]
         return [*known, *new][:MAX_SUMMANDS]
 
@@ -278,7 +297,7 @@ def kinds_without_name(found: SearchResult) -> set[str]:
     """Return the kinds of left sides (see KINDS) in which a search has found an equation or something unexplained."""
     channels = [one.channel for one in (*found.equation_terms, *found.unexplained)]
     kinds = {KINDS[channel.quantity] for channel in channels if channel.quantity in KINDS}
-    return kinds | {"force", "moment"} if kinds & {"force", "moment"} else kinds
+    return kinds | {"force", "moment", AT_ROTORS} if kinds & {"force", "moment"} else kinds
 
 
 def unseen_error(evidence: Evidence, vehicle: Vehicle, file: Vehicle | None = None) -> float:

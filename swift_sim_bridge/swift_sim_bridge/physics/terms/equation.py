@@ -1,8 +1,8 @@
 """An equation in the vehicle file: physics without a name, as a sparse polynomial of named quantities.
 
 Each summand is a coefficient times a product of quantities (`quantities.product_of`) and adds to one axis of force or
-moment, to the motors' steady speeds or to the voltage of the pack. Beyond its range in the recordings that it was
-estimated from, a product keeps the value of the bound: an equation is not extrapolated.
+moment, to the thrust of each rotor, to the motors' steady speeds or to the voltage of the pack. Beyond its range in the
+recordings that it was estimated from, a product keeps the value of the bound: an equation is not extrapolated.
 """
 
 from collections.abc import Iterator
@@ -16,20 +16,28 @@ from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge import units
 from swift_sim_bridge.effects import FORCE_CHANNELS, MOMENT_CHANNELS, MOTOR_CHANNELS, Effect, Parameter
 from swift_sim_bridge.physics.terms import quantities
+from swift_sim_bridge.physics.terms.motion import along_z, wrench_of
 from swift_sim_bridge.physics.terms.term import Term
-from swift_sim_bridge.physics.terms.vectors import Vector, total
+from swift_sim_bridge.physics.terms.vectors import Vector, add, total
 
 PREFIX = "equation_of_"  # of the ids of effects that change an equation's coefficients
 STEP_SHARE = 0.005  # of the weight, of full speed and of the voltage: step of a summand for numerical derivatives
 STEP_TURN = 0.5  # rad/s^2, the same of a moment
 MAX_STEPS = 600.0  # that a summand is at most: three times the weight
 MIN_REACH = 1e-9  # of a product whose range is a point
-UNIT = {"force": "N", "moment": "N m", "rotor_speed": "rad/s", "voltage": "V"}
-KNOWN = {"force": "motion", "moment": "motion", "rotor_speed": "motor", "voltage": "supply"}  # quantities of each
-LAYERS = {"force": "force", "moment": "moment", "rotor_speed": "motor", "voltage": "motor"}
+UNIT = {"force": "N", "moment": "N m", "rotor_thrust": "N", "rotor_speed": "rad/s", "voltage": "V"}
+KNOWN = {  # quantities of each
+    "force": "motion",
+    "moment": "motion",
+    "rotor_thrust": "rotor",
+    "rotor_speed": "motor",
+    "voltage": "supply",
+}
+LAYERS = {"force": "force", "moment": "moment", "rotor_thrust": "force", "rotor_speed": "motor", "voltage": "motor"}
 CHANNELS = {
     "force": FORCE_CHANNELS,
     "moment": MOMENT_CHANNELS,
+    "rotor_thrust": (*FORCE_CHANNELS, *MOMENT_CHANNELS),
     "rotor_speed": MOTOR_CHANNELS,
     "voltage": ("voltage", "rotor_speed"),
 }
@@ -55,11 +63,12 @@ Summands = dict[str, Summand]  # by product of quantities
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Equation:
-    """Summands of forces, moments, motor speeds and voltage by their product of quantities.
+    """Summands of forces, moments, thrusts, motor speeds and voltage by their product of quantities.
 
     Attributes:
         force_x, force_y, force_z: N, body frame, at the centre of mass.
         moment_x, moment_y, moment_z: N m, body frame.
+        rotor_thrust: N, added to the thrust of each rotor at its hub; of the quantities of that rotor.
         rotor_speed: rad/s, added to each motor's steady speed; of the quantities of that motor.
         voltage: V, added to the voltage of the pack; of the quantities of the pack.
         covariance: (k, k) of the coefficients, in the order in which they stand here; may be empty.
@@ -71,6 +80,7 @@ class Equation:
     moment_x: Summands = field(default_factory=dict)
     moment_y: Summands = field(default_factory=dict)
     moment_z: Summands = field(default_factory=dict)
+    rotor_thrust: Summands = field(default_factory=dict)
     rotor_speed: Summands = field(default_factory=dict)
     voltage: Summands = field(default_factory=dict)
     covariance: tuple[tuple[float, ...], ...] = field(default=(), metadata={"static": True})
@@ -80,7 +90,7 @@ SIDES = tuple(spec.name for spec in fields(Equation) if spec.name != "covariance
 
 
 def kind_of(side: str) -> str:
-    """Return what a left side belongs to: force, moment, rotor_speed or voltage."""
+    """Return what a left side belongs to: force, moment, rotor_thrust, rotor_speed or voltage."""
     return side if side in UNIT else side[:-2]
 
 
@@ -114,7 +124,11 @@ def wrench(instant, coefficients, parameters):
         Vector(*(_sum(getattr(coefficients, f"{kind}_{axis}"), "motion", instant) for axis in "xyz"))
         for kind in ("force", "moment")
     )
-    return force, moment
+    if not coefficients.rotor_thrust:
+        return force, moment
+    added = along_z(_sum(coefficients.rotor_thrust, "rotor", hub) for hub in quantities.hubs(instant))
+    at_hubs = wrench_of(added, instant.hubs)
+    return add(force, at_hubs[0]), add(moment, at_hubs[1])
 
 
 def steady_speed(coefficients, drive: quantities.Drive):
@@ -195,6 +209,7 @@ def step_of(side: str, vehicle: Vehicle) -> float:
         return STEP_TURN * float(vehicle.inertia_matrix["xyz".index(side[-1]), "xyz".index(side[-1])])
     sizes = {
         "force": vehicle.mass * GRAVITY,
+        "rotor_thrust": vehicle.mass * GRAVITY / len(vehicle.rotors),
         "rotor_speed": vehicle.rotor_speed_range[1],
         "voltage": vehicle.battery.reference_voltage,
     }
@@ -229,6 +244,7 @@ EXAMPLE = {
         "min(v_z,0)": {"coefficient": 0.05, "range": [-8.0, 0.0]},
     },
     "moment_y": {"v_x": {"coefficient": 0.002, "range": [-15.0, 15.0]}},
+    "rotor_thrust": {"thrust over(mu,0.05)": {"coefficient": -0.8, "range": [0.0, 0.6]}},
     "rotor_speed": {"u": {"coefficient": -30.0, "range": [0.0, 1.0]}},
     "voltage": {"current": {"coefficient": -0.004, "range": [0.0, 80.0]}},
 }

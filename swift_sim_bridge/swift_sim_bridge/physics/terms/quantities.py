@@ -22,6 +22,7 @@ MIN_THRUST_N = 1e-6  # of rotors at rest, whose induced velocity would be zero
 NUMBER = r"(-?\d+(?:\.\d*)?)"
 NEAR = re.compile(rf"near\({NUMBER},{NUMBER},{NUMBER},(\d+(?:\.\d*)?)\)")  # x, y, z, radius in m
 OVER = re.compile(r"over\((.+),(\d+(?:\.\d*)?)\)")  # a quantity, and the value from which on it counts
+AROUND = re.compile(r"around\((.+),(\d+(?:\.\d*)?),(\d+(?:\.\d*)?)\)")  # a quantity, a value, and a reach
 OF_ROTOR = re.compile(r"(thrust|Omega)_(\d+)")
 SPEED, RATE = "m/s", "rad/s"
 
@@ -54,6 +55,31 @@ class Drive(NamedTuple):
     speed: jax.Array
 
 
+class Hub(NamedTuple):
+    """A rotor at one instant, for the quantities of ROTOR.
+
+    Attributes:
+        thrust: (...) N, static thrust c_l Omega^2.
+        speed: (...) rad/s.
+        v: Vector, m/s, velocity of the hub through the air, body frame.
+        height: (...) m, of the hub.
+        p_world: Vector, m, position of the vehicle.
+        radius: (...) m.
+    """
+
+    thrust: jax.Array
+    speed: jax.Array
+    v: Vector
+    height: jax.Array
+    p_world: Vector
+    radius: jax.Array
+
+    @property
+    def lateral(self):
+        """Speed of the hub through the air across the body's z axis, m/s."""
+        return jnp.sqrt(self.v.x * self.v.x + self.v.y * self.v.y + 1e-12)
+
+
 class Load(NamedTuple):
     """The load of the pack at one instant, for the quantities of SUPPLY.
 
@@ -74,21 +100,26 @@ def _horizontal(instant: Instant, axis: int):
     return rotate_inverse(instant.q_world_body, Vector(*(one if i == axis else 0.0 * one for i in range(3))))
 
 
-def _induced(instant: Instant):
-    """Return the velocity m/s that the rotors induce in hover at the present thrust."""
-    area = jnp.pi * instant.hubs.radius * instant.hubs.radius * len(instant.rotor_speed)
-    return jnp.sqrt(jnp.maximum(instant.collective, MIN_THRUST_N) / (2.0 * AIR_DENSITY * area))
+def _sink_ratio(v_z, thrust, radius, rotors: int):
+    """Return the sink speed over the velocity that rotors induce in hover at a thrust, from 0 to 2."""
+    area = jnp.pi * radius * radius * rotors
+    induced = jnp.sqrt(jnp.maximum(thrust, MIN_THRUST_N) / (2.0 * AIR_DENSITY * area))
+    return jnp.clip(-v_z / induced, 0.0, 2.0)
 
 
 def _sink(instant: Instant):
-    """Return the sink speed over the induced velocity, from 0 to 2."""
-    return jnp.clip(-instant.v_body.z / _induced(instant), 0.0, 2.0)
+    """Return `_sink_ratio` of all rotors together."""
+    return _sink_ratio(instant.v_body.z, instant.collective, instant.hubs.radius, len(instant.rotor_speed))
 
 
-def _near_ground(instant: Instant):
+def _sink_of(hub: Hub):
+    """Return `_sink_ratio` of one rotor."""
+    return _sink_ratio(hub.v.z, hub.thrust, hub.radius, 1)
+
+
+def _near_ground(height, radius):
     """Return (R / 4 h)^2."""
-    height = jnp.maximum(instant.p_world.z, MIN_HEIGHT_RADII * instant.hubs.radius)
-    return (0.25 * instant.hubs.radius / height) ** 2
+    return (0.25 * radius / jnp.maximum(height, MIN_HEIGHT_RADII * radius)) ** 2
 
 
 def _spinning(values, instant: Instant):
@@ -127,7 +158,9 @@ MOTION = {
     "north_x": Quantity("", lambda i: _horizontal(i, 1).x, "world's y axis in the body"),
     "north_y": Quantity("", lambda i: _horizontal(i, 1).y, "the same, y"),
     "north_z": Quantity("", lambda i: _horizontal(i, 1).z, "the same, z"),
-    "ground": Quantity("", _near_ground, "(R / 4 h)^2, R the rotor radius and h the height"),
+    "ground": Quantity(
+        "", lambda i: _near_ground(i.p_world.z, i.hubs.radius), "(R / 4 h)^2, R the rotor radius and h the height"
+    ),
     "sink": Quantity("", _sink, "sink speed over the induced velocity, from 0 to 2"),
     "ring": Quantity("", lambda i: _sink(i) * (2.0 - _sink(i)), "sink (2 - sink): largest in the vortex ring"),
 }
@@ -136,6 +169,21 @@ MOTOR = {
     "sqrt(u)": Quantity("", lambda d: jnp.sqrt(d.command), "its square root"),
     "U": Quantity("V", lambda d: d.voltage, "voltage of the pack"),
     "Omega": Quantity(RATE, lambda d: d.speed, "speed of this rotor"),
+}
+ROTOR = {
+    "thrust": Quantity("N", lambda h: h.thrust, "thrust of this rotor by its speed"),
+    "Omega": Quantity(RATE, lambda h: h.speed, "speed of this rotor"),
+    "v_z": Quantity(SPEED, lambda h: h.v.z, "velocity of the hub through the air, upwards"),
+    "min(v_z,0)": Quantity(SPEED, lambda h: jnp.minimum(h.v.z, 0.0), "v_z while sinking, else 0"),
+    "v_xy": Quantity(SPEED, lambda h: h.lateral, "airspeed of the hub across the body's z axis"),
+    "mu": Quantity(
+        "",
+        lambda h: h.lateral / jnp.maximum(h.speed * h.radius, 1.0),
+        "advance ratio: v_xy over that of the blade tips",
+    ),
+    "sink": Quantity("", _sink_of, "sink speed over the velocity that this rotor induces, from 0 to 2"),
+    "ring": Quantity("", lambda h: _sink_of(h) * (2.0 - _sink_of(h)), "sink (2 - sink)"),
+    "ground": Quantity("", lambda h: _near_ground(h.height, h.radius), "(R / 4 h)^2, h the height of the hub"),
 }
 SUPPLY = {
     "current": Quantity("A", lambda p: p.current, "current of the pack"),
@@ -159,7 +207,7 @@ def product_of(product: str, known: str = "motion") -> Quantity:
 
     Args:
         product: such as "thrust v_xy^2".
-        known: quantities that it may have: `motion`, `motor` or `supply`.
+        known: quantities that it may have: `motion`, `rotor`, `motor` or `supply`.
 
     Raises:
         ValueError: a factor is unknown.
@@ -179,12 +227,14 @@ def product_of(product: str, known: str = "motion") -> Quantity:
 
 def _quantity(name: str, known: str) -> Quantity:
     """Return a quantity by its name. Raises ValueError for an unknown one."""
-    table = {"motion": MOTION, "motor": MOTOR, "supply": SUPPLY}[known]
+    table = {"motion": MOTION, "rotor": ROTOR, "motor": MOTOR, "supply": SUPPLY}[known]
     if name in table:
         return table[name]
     if (bend := OVER.fullmatch(name)) and bend[1] in table:
         return _over(table[bend[1]], float(bend[2]))
-    if known == "motion" and (place := NEAR.fullmatch(name)):
+    if (peak := AROUND.fullmatch(name)) and peak[1] in table and float(peak[3]) > 0:
+        return _around(table[peak[1]], float(peak[2]), float(peak[3]))
+    if known in ("motion", "rotor") and (place := NEAR.fullmatch(name)):
         return _near(*map(float, place.groups()))
     if known == "motion" and (rotor := OF_ROTOR.fullmatch(name)):
         return _of_rotor(rotor[1], int(rotor[2]))
@@ -196,15 +246,30 @@ def _over(one: Quantity, bend: float) -> Quantity:
     return Quantity(one.unit, lambda at: jnp.maximum(one.value(at) - bend, 0.0), f"{one.meaning}, less {bend:g}, or 0")
 
 
+def _around(one: Quantity, center: float, reach: float) -> Quantity:
+    """Return (1 - d^2/reach^2)^2 within `reach` of a value of a quantity, d the distance from it; zero beyond."""
+
+    def value(at):
+        return jnp.maximum(1.0 - ((one.value(at) - center) / reach) ** 2, 0.0) ** 2
+
+    return Quantity("", value, f"1 where it is {center:g}, 0 farther than {reach:g} from it: {one.meaning}")
+
+
 def _near(x: float, y: float, z: float, radius: float) -> Quantity:
     """Return (1 - d^2/radius^2)^2 within `radius` m of a place, d the distance from it; zero beyond."""
 
-    def value(instant: Instant):
-        p = instant.p_world
+    def value(at: Instant | Hub):
+        p = at.p_world
         apart = (p.x - x) ** 2 + (p.y - y) ** 2 + (p.z - z) ** 2
         return jnp.maximum(1.0 - apart / (radius * radius), 0.0) ** 2
 
     return Quantity("", value, "1 at a place, 0 beyond a radius from it")
+
+
+def hubs(instant: Instant) -> tuple[Hub, ...]:
+    """Return each rotor of a vehicle at an instant."""
+    rows = zip(instant.thrust, instant.rotor_speed, instant.hub_velocity, instant.hub_height, strict=True)
+    return tuple(Hub(*row, instant.p_world, instant.hubs.radius) for row in rows)
 
 
 def _of_rotor(name: str, number: int) -> Quantity:

@@ -250,6 +250,9 @@ def wrench(state: State, v, spin_up, ring, plant: dict):
         static = plant["lift"][i] * spin**2
         induced = jnp.sqrt(static / (2.0 * AIR_DENSITY * jnp.pi * plant["radius"] ** 2) + 1e-6)
         push = (push[0], push[1], push[2] + strange.hub_gain(static, spin, at_hub, state.p, induced, plant))
+        if more := plant["equation"].get("rotor_thrust"):
+            own = polynomial.of_rotor(static, spin, at_hub, height(state, r), state.p, plant["radius"])
+            push = (push[0], push[1], push[2] + polynomial.added(own, more))
         flap = plant["flapping_moment"]["k_f"] * spin
         force = add(force, push)
         moment = add(moment, cross(r, push))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 AIR_DENSITY = 1.225  # kg/m^3 at sea level and 15 deg C (ISO 2533)
 WRENCH = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
-SIDES = (*WRENCH, "rotor_speed", "voltage")
+SIDES = (*WRENCH, "rotor_thrust", "rotor_speed", "voltage")
 
 
 def summands_of(contents) -> dict[str, list[str]]:
@@ -48,13 +48,41 @@ def added(at: dict, products: dict):
     """Return the sum of one left side's summands.
 
     Args:
-        at: quantities by name, see `quantities`, `of_motor` and `of_pack`.
+        at: quantities by name, see `quantities`, `of_rotor`, `of_motor` and `of_pack`.
         products: (coefficient, low, high) by product.
     """
     total = 0.0
     for product, (coefficient, low, high) in products.items():
         total = total + coefficient * jnp.clip(_product(product, at), low, high)
     return total
+
+
+def of_rotor(thrust, spin, v, height, p, radius) -> dict:
+    """Return the quantities that the equation of a rotor's thrust may name.
+
+    Args:
+        thrust: static thrust, N.
+        spin: rad/s.
+        v: velocity of the hub through the air, m/s, body.
+        height: of the hub, m.
+        p: position of the vehicle, m, world.
+        radius: m.
+    """
+    across = jnp.sqrt(v[0] ** 2 + v[1] ** 2 + 1e-12)
+    induced = jnp.sqrt(jnp.maximum(thrust, 1e-6) / (2.0 * AIR_DENSITY * jnp.pi * radius**2))
+    sink = jnp.clip(-v[2] / induced, 0.0, 2.0)
+    return {
+        "p": p,
+        "thrust": thrust,
+        "Omega": spin,
+        "v_z": v[2],
+        "min(v_z,0)": jnp.minimum(v[2], 0.0),
+        "v_xy": across,
+        "mu": across / jnp.maximum(spin * radius, 1.0),
+        "sink": sink,
+        "ring": sink * (2.0 - sink),
+        "ground": (0.25 * radius / jnp.maximum(height, 0.5 * radius)) ** 2,
+    }
 
 
 def of_motor(u, voltage, speed) -> dict:
@@ -80,12 +108,16 @@ def _product(text: str, at: dict):
 
 
 def _value(name: str, at: dict):
-    """Return a quantity: by its name, over(name,value), or near(x,y,z,radius)."""
+    """Return a quantity: by its name, over(name,value), around(name,value,reach), or near(x,y,z,radius)."""
     if name in at:
         return at[name]
     if name.startswith("over("):
         inner, _, bend = name[5:-1].rpartition(",")
         return jnp.maximum(_value(inner, at) - float(bend), 0.0)
+    if name.startswith("around("):
+        inner, center, reach = name[7:-1].rsplit(",", 2)
+        apart = (_value(inner, at) - float(center)) / float(reach)
+        return jnp.maximum(1.0 - apart**2, 0.0) ** 2
     x, y, z, radius = (float(part) for part in re.findall(r"-?[\d.]+", name))
     p = at["p"]
     apart = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2

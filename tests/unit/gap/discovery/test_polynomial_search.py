@@ -116,6 +116,18 @@ def test_motors_that_lose_speed_from_a_command_on_show_a_bend():
     assert found[0] in ("over(u,0.4)", "over(u,0.5)")
 
 
+def test_thrust_that_each_rotor_loses_is_one_summand_of_force_and_moments():
+    loss = {"thrust over(mu,0.04)": {"coefficient": -3.0, "range": [0.0, 1.0]}}
+    table, file = flight(2, equation={"rotor_thrust": loss}), lissajous_flight.vehicle()
+    one = ResidualModel(read_recording(table, file))
+    line = linearise(one, perturbed_variants(file, ()))
+    residuals = polynomial_search.Residuals((one,), [line], (np.std(line.residual, axis=0) / 4.0,))
+    plain = polynomial_search.search(residuals, file, 1.0)
+    first, *others = polynomial_search.search(residuals, file, 1.0, at_rotors=True)
+    assert first.name.startswith("rotor_thrust: thrust over(mu,0.0") and first.removed_share > 0.5
+    assert len([first, *others]) < len(plain) and not [one for one in plain if one.side == "rotor_thrust"]
+
+
 def test_a_coefficient_that_flips_between_the_halves_of_the_flight_is_not_kept():
     assert searched(lambda t, v: np.where(t < 6.0, 0.02, -0.02) * v[:, 0] * v[:, 2]) == []
 
