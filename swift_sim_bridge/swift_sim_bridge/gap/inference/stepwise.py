@@ -21,6 +21,7 @@ PRIOR_INFORMATION_SHARE = 0.005  # of the flight's information, added in cross-v
 MIN_BLOCK_INFORMATION_SHARE = 0.01  # of an effect's information; a block with less does not show the effect
 BOUND_TOLERANCE_ERRORS = 2.0  # standard errors by which an estimate may exceed its physical bounds
 MIN_OBSERVABLE_GAIN = 1.0  # squares that a parameter must change at the far end of its range to be observable
+MIN_SPREAD_SHARE = 1e-12  # of the variance of independent samples; less over seconds is that of no data
 
 
 @dataclass(frozen=True)
@@ -95,8 +96,10 @@ def fit(equations: NormalEquations, rows, variance_inflation: float = 1.0) -> Fi
     seconds = np.count_nonzero(equations.samples)
     meat = score.T @ score * seconds / max(seconds - len(rows), 1)
     sandwich, plain = inverse @ meat @ inverse, variance_inflation * inverse
-    wider = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300)))
-    return Fit(rows, estimate, sandwich * np.outer(wider, wider))
+    spread, least = np.diag(sandwich), np.diag(plain)
+    shown = spread > MIN_SPREAD_SHARE * least  # others have no score in any second, as a place that is never passed
+    wider = np.sqrt(np.maximum(1.0, np.divide(least, spread, out=np.ones_like(least), where=shown)))
+    return Fit(rows, estimate, sandwich * np.outer(wider, wider) + np.diag(np.where(shown, 0.0, least)))
 
 
 def bounded_step(equations: NormalEquations, damping: float, low, high) -> np.ndarray:

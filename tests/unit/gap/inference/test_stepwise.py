@@ -72,6 +72,23 @@ def test_a_parameter_that_the_flight_does_not_show_has_no_estimate():
     assert estimate[0] == pytest.approx(fit(problem.equations, np.array([1])).estimate[0])
 
 
+def test_a_parameter_without_any_data_has_a_finite_covariance_beside_others():
+    problem = problem_of((0.5, 0.4, 0.0, 0.0, 0.0), similarity=0.3)
+    equations, rows = problem.equations, problem.rows(["drag", "lift"])
+    alone = fit(equations, rows[:1])
+    nothing = np.isin(np.arange(len(equations.gradient[0])), rows[1:])
+    seen = np.where(nothing, 1e-160, 1.0)  # as by a place that is far away
+    rare = replace(
+        equations,
+        gradient=equations.gradient * seen,
+        information=equations.information * np.outer(seen, seen),
+    )
+    with np.errstate(all="raise", under="ignore"):
+        found = fit(rare, rows)
+    assert np.isfinite(found.covariance).all()
+    assert found.covariance[0, 0] == pytest.approx(alone.covariance[0, 0], rel=0.2)  # other degrees of freedom
+
+
 def test_normal_equations_without_a_parameter_are_those_of_a_flight_without_it():
     null = null_of([flight(seed, similarity=0.3) for seed in range(24)])
     planted, unplanted = (
