@@ -67,7 +67,7 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     for one in all_names:
         if one.effect.key not in kept:
             progress(f"{one.effect.key}: not in the repair, unseen or faster parts of the flight are better without it")
-    if best.found:
+    if kinds_without_name(found):
         best = judge.with_more_summands(best)
     return _on_whole_flights(judge, best, all_names, fixed)
 
@@ -88,8 +88,10 @@ def _on_whole_flights(judge: Judge, trial: Trial, names: tuple[SelectedEffect, .
         for item in unstable:
             stable = judge.without(stable, item)
         return _on_whole_flights(judge, stable, names, fixed)
+    if trial.equation:
+        whole = judge.with_tested_ranges(whole)
     refitted = (one.fitted_again(values[one.effect.key], covariance[one.effect.key]) for one in kept)
-    summands = (SelectedEffect(one, values[one.key], covariance[one.key], 0.0) for one in trial.equation)
+    summands = (SelectedEffect(one, values[one.key], covariance[one.key], 0.0) for one in whole.equation)
     shares = {one.name: one.removed_share for one in trial.found}
     return Repair((*refitted, *fixed), left_out, tuple(summands), shares)
 

@@ -14,7 +14,7 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
     residuals_at,
     with_effects,
 )
-from swift_sim_bridge.gap.discovery import polynomial_search
+from swift_sim_bridge.gap.discovery import extrapolation, polynomial_search
 from swift_sim_bridge.gap.discovery.polynomial_search import Found
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
@@ -131,10 +131,25 @@ class Judge:
         if with_equation is best:
             return best
         with_equation = self._without_worse(with_equation)
-        gain = best.error - with_equation.error
-        if gain < MIN_BETTER and abs(gain) > MIN_WORSE:  # without any change the unseen part does not show it: a place
-            return best
-        return with_equation
+        if best.error - with_equation.error >= MIN_BETTER:
+            return with_equation
+        found = self._not_shown(with_equation)
+        return self._beside_names(best, found) if found else best
+
+    def _not_shown(self, trial: Trial) -> list[Found]:
+        """Return the summands that the judging part does not show, as at a place that it does not pass."""
+        if not trial.found:
+            return []
+        effects, models = (*trial.names, *trial.equation), self.evidence.residual_models
+        repaired = with_effects(self.vehicle, list(effects), trial.values)
+        lines = self.evidence.cache.linearisations(models, repaired, effects, True)
+        squares = np.zeros((2, lines[0].sensitivity.shape[0]))
+        for one, line, sigma in zip(models, lines, self.evidence.sigmas, strict=True):
+            for i, part in enumerate(rows_of_choice(one)):
+                squares[i] += np.sum((line.sensitivity * (part[:, None] & one.measured) / sigma) ** 2, axis=(1, 2))
+        names = [parameter.name for effect in effects for parameter in effect.parameters]
+        shown = dict(zip(names, squares[1] > polynomial_search.ONE_HALF_SHARE * squares[0], strict=True))
+        return [one for one in trial.found if not shown[one.name]]
 
     def _without_worse(self, best: Trial) -> Trial:
         """Return a trial without the names and summands that make the unseen part worse.
@@ -142,8 +157,8 @@ class Judge:
         To first order it is known for each what the unseen part is without it; those that may be better are tried.
         """
         while best.names or best.equation:
-            errors = self._errors_without(best)
-            likely = sorted((one for one in errors if errors[one] < best.error + MAX_LINEAR_ERROR), key=errors.get)
+            changes = self._changes_without(best)
+            likely = sorted((one for one in changes if changes[one] < MAX_LINEAR_ERROR), key=changes.get)
             others = (self.without(best, item) for item in likely[:MAX_TRIED])
             other = next((one for one in others if one.error < best.error - MIN_WORSE), None)
             if other is None:
@@ -161,21 +176,21 @@ class Judge:
             values[effect.key] = np.array([_coefficients(trial)[parameter.name] for parameter in effect.parameters])
         return self.trial(names, effects, found, values)
 
-    def _errors_without(self, trial: Trial) -> dict[str, float]:
-        """Return `unseen_error` without each name, by key, and each new summand, by name, to first order."""
+    def _changes_without(self, trial: Trial) -> dict[str, float]:
+        """Return what `unseen_error` grows by without each name, by key, and new summand, by name, to first order."""
         effects = (*trial.names, *trial.equation)
         problem = self._linear_problem(trial, [rows_of_choice(one) for one in self.evidence.residual_models])
         change = np.concatenate(
             [(file_values(effect, self.vehicle) - trial.values[effect.key]) for effect in effects]
         ) / parameter_steps(effects)
-        found = {}
+        found, now = {}, problem.error(np.zeros(len(change)))
         for item, rows in _items(trial).items():
             others = np.setdiff1d(np.arange(len(change)), rows)
             step = np.zeros(len(change))
             step[rows] = change[rows]
             right = problem.gradient[others] + problem.information[np.ix_(others, rows)] @ change[rows]
             step[others] = -solve(problem.information[np.ix_(others, others)], right)
-            found[item] = problem.error(step)
+            found[item] = problem.error(step) - now
         return found
 
     def error_beyond(self, trial: Trial) -> float:
@@ -241,10 +256,13 @@ class Judge:
     def with_more_summands(self, trial: Trial) -> Trial:
         """Return a trial with the summands that join those of its equation in all that fits use.
 
-        The part from which the trial was chosen is short: of a weak cause it shows the strongest summand alone. Where
-        the others change its coefficient much, they cancel it and do not join.
+        The part from which the trial was chosen is short: of a weak cause it shows the strongest summand alone, and
+        none of a place that is passed later. Where the others change its coefficient much, they cancel it and do not
+        join. An equation that this part shows, but what follows refused, does not come back.
         """
-        at_rotors = any(one.side == AT_ROTORS for one in trial.found)
+        if not trial.found and self._summands(trial, CHOICE_SHARE):
+            return trial
+        at_rotors = not trial.found or any(one.side == AT_ROTORS for one in trial.found)
         found = self._summands(trial, TRAINING_SHARE, trial.found, at_rotors)
         if len(found) == len(trial.found):
             return trial
@@ -256,13 +274,22 @@ class Judge:
     def _summands(self, trial: Trial, share: float, known: tuple[Found, ...] = (), at_rotors=False) -> list[Found]:
         """Return the summands of what the names of a trial leave of a share of each flight, those known first."""
         repaired = with_effects(self.vehicle, list(trial.names), trial.values)
-        evidence, lines = self.evidence, residuals_at(self.evidence, repaired)
-        places = self.found.evidence.library.places
-        residuals = polynomial_search.Residuals(evidence.residual_models, lines, evidence.sigmas, places)
         kinds = kinds_without_name(self.found)
-        found = polynomial_search.search(residuals, repaired, share, known, at_rotors)
+        found = polynomial_search.search(self._residuals(repaired), repaired, share, known, at_rotors)
         new = [one for one in found if equation.kind_of(one.side) in kinds and one not in known]
         return [*known, *new][:MAX_SUMMANDS]
+
+    def with_tested_ranges(self, trial: Trial) -> Trial:
+        """Return a trial with the ranges of its summands as far as the flights show that they hold."""
+        repaired = with_effects(self.vehicle, [*trial.names, *trial.equation], trial.values)
+        found = extrapolation.with_tested_ranges(self._residuals(repaired), repaired, trial.found, _coefficients(trial))
+        return replace(trial, found=found, equation=equation_effects(self.vehicle, found))
+
+    def _residuals(self, vehicle: Vehicle) -> polynomial_search.Residuals:
+        """Return the residuals of the recordings against a vehicle."""
+        evidence, places = self.evidence, self.found.evidence.library.places
+        lines = residuals_at(evidence, vehicle)
+        return polynomial_search.Residuals(evidence.residual_models, lines, evidence.sigmas, places)
 
     def _beside_names(self, trial: Trial, found: list[Found]) -> Trial:
         """Return the trial of the names of a trial and an equation."""

@@ -1,19 +1,17 @@
 """The search for an equation of the vehicle file, on a motion in closed form to whose residuals a force is added."""
 
 from dataclasses import replace
-from functools import cache
 
 import jax
 import lissajous_flight
 import numpy as np
 import pytest
-from known_motion import motion, specific_force
+from known_motion import motion
+from known_residuals import residual_model, vehicle
 from lissajous_flight import flight
 
 from swift_ros import geometry
-from swift_ros.configuration import configuration_folder, load
-from swift_ros.recording.flight_table import FlightTable, Samples
-from swift_ros.vehicle import Vehicle
+from swift_ros.recording.flight_table import Samples
 from swift_sim_bridge.gap.discovery import polynomial_search
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation, linearise, perturbed_variants
 from swift_sim_bridge.gap.recording.recording import read_recording
@@ -27,30 +25,6 @@ NOISE = 0.3
 def double_precision():
     with jax.enable_x64(True):
         yield
-
-
-@cache
-def vehicle() -> Vehicle:
-    return load(Vehicle, configuration_folder() / "drone.yaml")
-
-
-@cache
-def residual_model() -> ResidualModel:
-    """Return 12 s of the motion, with rotor speeds that give its thrust in uneven shares."""
-    t = np.arange(0.0, 12.0, 0.004)
-    moving, force = motion(t), specific_force(t)
-    thrust = vehicle().mass * np.maximum(force[:, 2], 3.0) / 4
-    share = 1.0 + 0.1 * np.sin(np.array([3.0, 4.1, 5.3, 6.7]) * t[:, None])
-    channels = {
-        "p_world": moving.p_world,
-        "q_world_body": moving.q_world_body,
-        "v_world": moving.v_world,
-        "gyro_body": moving.omega_body,
-        "specific_force_body": force,
-        "rotor_speed": np.sqrt(thrust[:, None] * share / vehicle().thrust_coefficient),
-    }
-    table = FlightTable("closed form", {name: Samples(t, values) for name, values in channels.items()})
-    return ResidualModel(read_recording(table, vehicle()))
 
 
 def searched(force_y, share=1.0, known=()):
