@@ -104,8 +104,9 @@ def _axes(channels: tuple[Channel, ...], quantity: str) -> Iterator[tuple[int, i
 
 
 def _thrusts(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the thrust of each rotor as a product."""
-    return tuple(f"thrust_{i + 1}" for i in range(len(vehicle.rotors)))
+    """Return products of the thrust of each rotor: alone, its square, and with the rates that tilt it with its arm."""
+    numbers = range(1, len(vehicle.rotors) + 1)
+    return tuple(f"thrust_{i}{one}" for one in ("", "^2", " omega_x", " omega_y") for i in numbers)
 
 
 def _at_places(places) -> tuple[str, ...]:
