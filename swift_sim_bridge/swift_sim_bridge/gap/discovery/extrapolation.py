@@ -2,7 +2,8 @@
 
 The coefficient is estimated from the inner half of its product's range, and from the rest. Where both agree, the flight
 has shown that the product predicts twice as far as it was fitted, and its range is doubled. Any other ends where the
-recordings end: a polynomial that only resembles the cause goes astray beyond.
+recordings end: a polynomial that only resembles the cause goes astray beyond. Towards zero a summand that is alone on its
+left side goes on: a loss that was recorded in fast flight alone does not stay in slow flight.
 """
 
 from collections.abc import Iterable
@@ -26,7 +27,7 @@ EXTRAPOLATED = ("force", "moment", "rotor_thrust")  # motors and packs saturate
 def with_tested_ranges(
     residuals: Residuals, vehicle: Vehicle, found: Iterable[Found], coefficients: dict[str, float]
 ) -> tuple[Found, ...]:
-    """Return the summands of an equation, those with twice their range that hold from half of it on.
+    """Return the summands of an equation with the ranges in which they are used, see the module.
 
     Args:
         residuals: against the vehicle with the equation.
@@ -39,6 +40,8 @@ def with_tested_ranges(
     columns = [_columns(one, vehicle, residuals.places, sides) for one in residuals.residual_models]
 
     def tested(one: Found) -> Found:
+        if sum(other.side == one.side for other in found) == 1:
+            one = replace(one, range=(min(one.range[0], 0.0), max(one.range[1], 0.0)))
         own = [products.get(one.side, {}) for products in columns]
         coefficient = coefficients[one.name] * _response(one.side, vehicle)
         if equation.kind_of(one.side) not in EXTRAPOLATED or not _holds(residuals, own, one, coefficient):

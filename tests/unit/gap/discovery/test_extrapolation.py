@@ -1,4 +1,4 @@
-"""Whether a summand is used beyond its recorded range: only where the inner half of it predicts the rest."""
+"""In which range a summand is used: beyond the recorded one only where the inner half of it predicts the rest."""
 
 import jax
 import numpy as np
@@ -21,33 +21,46 @@ def double_precision():
         yield
 
 
-def range_before_and_after(force_y, noise: float = NOISE) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the range of COEFFICIENT v_x v_z before and after the test, where the flight shows `force_y` of it (N)."""
-    one = residual_model()
-    moving = motion(one.recording.t)
+def product():
+    """Return v_x v_z (n,) of the motion."""
+    moving = motion(residual_model().recording.t)
     v = geometry.rotate_inverse(moving.q_world_body, moving.v_world)
-    product = v[:, 0] * v[:, 2]
-    left = apply(one.filter.smooth, (force_y(product) - COEFFICIENT * product)[:, None])[:, 0] / vehicle().mass
+    return v[:, 0] * v[:, 2]
+
+
+def used_ranges(force_y, summands: list[Found], noise: float = NOISE) -> list[tuple[float, float]]:
+    """Return the ranges of summands, first of COEFFICIENT v_x v_z, where the flight shows `force_y` of v_x v_z (N)."""
+    one = residual_model()
+    left = apply(one.filter.smooth, (force_y(product()) - COEFFICIENT * product())[:, None])[:, 0] / vehicle().mass
     channels = [channel.id for channel in one.channels]
     residual = noise * np.random.default_rng(5).standard_normal((len(one.t), len(channels)))
     residual[:, channels.index("specific_force_y")] += left
     line = Linearisation(one.t, residual, np.zeros((0, *residual.shape)), one.good)
     residuals = Residuals((one,), [line], (np.full(len(channels), noise),))
-    summand = Found("force_y", "v_x v_z", (float(product.min()), float(product.max())), 0.5)
-    (tested,) = extrapolation.with_tested_ranges(residuals, vehicle(), [summand], {summand.name: COEFFICIENT})
-    return summand.range, tested.range
+    coefficients = dict.fromkeys((one.name for one in summands), 1e-9) | {summands[0].name: COEFFICIENT}
+    return [one.range for one in extrapolation.with_tested_ranges(residuals, vehicle(), summands, coefficients)]
+
+
+def recorded() -> Found:
+    """Return v_x v_z as a summand, with its range in the motion."""
+    return Found("force_y", "v_x v_z", (float(product().min()), float(product().max())), 0.5)
 
 
 def test_a_product_that_holds_from_half_of_its_range_on_is_used_twice_as_far():
-    before, after = range_before_and_after(lambda product: COEFFICIENT * product)
-    assert after == pytest.approx((2.0 * before[0], 2.0 * before[1]))
+    (found,) = used_ranges(lambda x: COEFFICIENT * x, [recorded()])
+    assert found == pytest.approx([2.0 * bound for bound in recorded().range])
 
 
 def test_a_force_that_saturates_ends_at_the_recorded_range():
-    before, after = range_before_and_after(lambda product: COEFFICIENT * 8.0 * np.tanh(product / 8.0))
-    assert after == before
+    assert used_ranges(lambda x: COEFFICIENT * 8.0 * np.tanh(x / 8.0), [recorded()]) == [recorded().range]
 
 
 def test_what_noise_hides_ends_at_the_recorded_range():
-    before, after = range_before_and_after(lambda product: COEFFICIENT * product, noise=20.0)
-    assert after == before
+    assert used_ranges(lambda x: COEFFICIENT * x, [recorded()], noise=20.0) == [recorded().range]
+
+
+def test_a_summand_that_is_alone_vanishes_with_its_product_and_two_that_may_cancel_each_other_do_not():
+    alone = Found("force_z", "thrust v_xy^2", (300.0, 900.0), 0.5)
+    beside = Found("force_z", "thrust", (6.0, 9.0), 0.1)
+    assert used_ranges(lambda x: 0.0 * x, [recorded(), alone], noise=20.0)[1] == (0.0, 900.0)
+    assert used_ranges(lambda x: 0.0 * x, [recorded(), alone, beside], noise=20.0)[1:] == [alone.range, beside.range]
