@@ -2,8 +2,8 @@
 
 The coefficient is estimated from the inner half of its product's range, and from the rest. Where both agree, the flight
 has shown that the product predicts twice as far as it was fitted, and its range is doubled. Any other ends where the
-recordings end: a polynomial that only resembles the cause goes astray beyond. Towards zero a summand that is alone on its
-left side goes on: a loss that was recorded in fast flight alone does not stay in slow flight.
+recordings end: a polynomial that only resembles the cause goes astray beyond. Towards zero a summand goes on that is
+alone on its left side: a loss that was recorded in fast flight alone does not stay in slow flight.
 """
 
 from collections.abc import Iterable
