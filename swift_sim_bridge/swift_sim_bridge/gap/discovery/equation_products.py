@@ -130,12 +130,14 @@ def _in_motion(residual_model: ResidualModel, vehicle: Vehicle, parameters: Para
 
 
 def products_at_rotors(residual_model: ResidualModel, vehicle: Vehicle, places) -> dict[int, Products]:
-    """Return by index of a channel what products that add to each rotor's thrust add to it; none without their speeds.
+    """Return by index of a channel what products that add to each rotor's thrust add to it.
 
+    There are none without the speed of each rotor, or where neither forces nor moments show.
     Unlike those of `products_of_recording` they are in the channel's unit: one coefficient has several channels.
     """
     recording, parameters = residual_model.recording, parameters_from_vehicle(vehicle, np.float64, np.asarray)
-    if not recording.has("single_rotor_speeds"):
+    moving = any(one.quantity in (SPECIFIC_FORCE, ANGULAR_ACCELERATION) for one in residual_model.channels)
+    if not (moving and recording.has("single_rotor_speeds")):
         return {}
     products = (*OF_ROTOR, *(f"{place} thrust" for place in places))
     hubs = quantities.hubs(instant_of_recording(recording, vehicle, parameters))
