@@ -21,7 +21,7 @@ INNER_SHARE = 0.5  # of the largest value of a product
 MAX_ERROR_SHARE = 0.2  # of the coefficient, its standard error; what is less certain shows nothing
 AGREEMENT_ERRORS = 2.0  # standard errors by which the two coefficients may differ
 AGREEMENT_SHARE = 0.1  # of the coefficient, by which they may differ where that is more
-EXTRAPOLATED = ("force", "moment", "rotor_thrust")  # motors and packs saturate
+EXTRAPOLATED = ("force", "moment", equation.AT_ROTORS)  # motors and packs saturate
 
 
 def with_tested_ranges(
@@ -57,8 +57,8 @@ def _columns(
 ) -> dict[str, dict[int, Products]]:
     """Return the products of some left sides in a recording, by index of each channel that shows them."""
     shown = products_of_recording(residual_model, vehicle, places)
-    if "rotor_thrust" in sides:
-        shown["rotor_thrust"] = products_at_rotors(residual_model, vehicle, places)
+    if equation.AT_ROTORS in sides:
+        shown[equation.AT_ROTORS] = products_at_rotors(residual_model, vehicle, places)
     return shown
 
 

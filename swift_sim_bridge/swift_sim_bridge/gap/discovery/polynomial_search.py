@@ -125,9 +125,9 @@ def search(
     found = list(known)
     if at_rotors:
         at = [products_at_rotors(one, vehicle, residuals.places) for one in residuals.residual_models]
-        if problem := _problem("rotor_thrust", at, residuals, share):
-            found += _chosen(problem, _products(found, "rotor_thrust"))
-            residuals = _less(residuals, at, problem, _products(found, "rotor_thrust"))
+        if problem := _problem(equation.AT_ROTORS, at, residuals, share):
+            found += _chosen(problem, _products(found, equation.AT_ROTORS))
+            residuals = _less(residuals, at, problem, _products(found, equation.AT_ROTORS))
     columns = [products_of_recording(one, vehicle, residuals.places) for one in residuals.residual_models]
     for side in columns[0]:
         problem = _problem(side, [own.get(side, {}) for own in columns], residuals, share)

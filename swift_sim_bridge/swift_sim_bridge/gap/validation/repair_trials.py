@@ -34,7 +34,6 @@ from swift_sim_bridge.physics.terms import equation
 MAX_SUMMANDS = 8  # of an equation
 # Differences of `unseen_error`, a sum of logarithms of the channels' errors.
 MIN_BETTER = 0.005  # by which an equation must make the unseen part better
-AT_ROTORS = "rotor_thrust"  # a left side that describes both, force and moment
 KINDS = {  # left sides of an equation that describe a channel, by its quantity
     SPECIFIC_FORCE: "force",
     ACCELEROMETER: "force",
@@ -233,10 +232,10 @@ class Judge:
         other one makes the unseen part better.
         """
         plain = self._with_summands(trial, self._summands(trial, CHOICE_SHARE))
-        if AT_ROTORS not in kinds_without_name(self.found):
+        if equation.AT_ROTORS not in kinds_without_name(self.found):
             return plain
         summands = self._summands(trial, CHOICE_SHARE, at_rotors=True)
-        if all(one.side != AT_ROTORS for one in summands):
+        if all(one.side != equation.AT_ROTORS for one in summands):
             return plain
         found = [one for one in (plain, self._with_summands(trial, summands)) if one is not trial]
         least = min((one.error for one in found), default=0.0)
@@ -262,7 +261,7 @@ class Judge:
         """
         if not trial.found and self._summands(trial, CHOICE_SHARE):
             return trial
-        at_rotors = not trial.found or any(one.side == AT_ROTORS for one in trial.found)
+        at_rotors = not trial.found or any(one.side == equation.AT_ROTORS for one in trial.found)
         found = self._summands(trial, TRAINING_SHARE, trial.found, at_rotors)
         if len(found) == len(trial.found):
             return trial
@@ -324,7 +323,7 @@ def kinds_without_name(found: SearchResult) -> set[str]:
     """Return the kinds of left sides (see KINDS) in which a search has found an equation or something unexplained."""
     channels = [one.channel for one in (*found.equation_terms, *found.unexplained)]
     kinds = {KINDS[channel.quantity] for channel in channels if channel.quantity in KINDS}
-    return kinds | {"force", "moment", AT_ROTORS} if kinds & {"force", "moment"} else kinds
+    return kinds | {"force", "moment", equation.AT_ROTORS} if kinds & {"force", "moment"} else kinds
 
 
 def unseen_error(evidence: Evidence, vehicle: Vehicle, file: Vehicle | None = None) -> float:

@@ -26,6 +26,7 @@ STEP_TURN = 0.5  # rad/s^2, the same of a moment
 MAX_STEPS = 600.0  # that a summand is at most: three times the weight
 MIN_REACH = 1e-9  # of a product whose range is a point
 UNIT = {"force": "N", "moment": "N m", "rotor_thrust": "N", "rotor_speed": "rad/s", "voltage": "V"}
+AT_ROTORS = "rotor_thrust"  # the left side that describes both, force and moment
 KNOWN = {  # quantities of each
     "force": "motion",
     "moment": "motion",
