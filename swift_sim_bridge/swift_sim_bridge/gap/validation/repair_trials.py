@@ -1,12 +1,10 @@
-"""Trials of repairs: effects that are fitted to the first part of each flight and judged on the one that follows."""
+"""The judge of repairs: fits effects to the first part of each flight and judges them on the one that follows."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
 from swift_sim_bridge.gap.attribution.gauss_newton import (
     gauss_newton_fit,
@@ -19,7 +17,7 @@ from swift_sim_bridge.gap.discovery.polynomial_search import Found
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, solve
-from swift_sim_bridge.gap.inference.sensitivity import Linearisation, parameter_slices, parameter_steps
+from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.residuals.channels import (
     ACCELEROMETER,
     ANGULAR_ACCELERATION,
@@ -27,8 +25,9 @@ from swift_sim_bridge.gap.residuals.channels import (
     SPECIFIC_FORCE,
     VOLTAGE,
 )
-from swift_sim_bridge.gap.residuals.propulsion import excess_above_full
 from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, TRAINING_SHARE, rows_by_pace, rows_of_choice
+from swift_sim_bridge.gap.validation.trial import Trial, equation_effects
+from swift_sim_bridge.gap.validation.unseen_errors import linear_problem, unseen_error
 from swift_sim_bridge.physics.terms import equation
 
 MAX_SUMMANDS = 8  # of an equation
@@ -48,50 +47,6 @@ MAX_TRIED = 3  # names or summands that are left out in trials before the rest i
 MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they may differ
 MAX_FACTOR = 2.0  # by which a coefficient may change when further summands join
 DISAGREEMENT_ERRORS = 3.0  # standard errors by which they may differ where that is more
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Effects that are fitted to the first part of each flight.
-
-    Attributes:
-        names: the named effects.
-        equation: effects of an equation.
-        found: the equation's summands.
-        values: values of all of them by key.
-        error: `unseen_error`.
-    """
-
-    names: tuple[Effect, ...]
-    equation: tuple[Effect, ...]
-    found: tuple[Found, ...]
-    values: dict[str, np.ndarray]
-    error: float
-
-    @property
-    def numbers(self) -> int:
-        """How many numbers are fitted."""
-        return sum(len(one.parameters) for one in (*self.names, *self.equation))
-
-
-class _LinearProblem(NamedTuple):
-    """A trial to first order in p changes of its values, in their steps.
-
-    Attributes:
-        information: (p, p) products of the sensitivities of the residuals that the fit uses.
-        gradient: (p,) products of these sensitivities and residuals.
-        unseen: of each recording, the linearisation, and which residuals judge: 1, NaN for the others.
-    """
-
-    information: np.ndarray
-    gradient: np.ndarray
-    unseen: list[tuple[Linearisation, np.ndarray]]
-
-    def error(self, step: np.ndarray) -> float:
-        """Return the error, see `log_error`, of the residuals that judge after a change (p,)."""
-        return log_error(
-            [(line.residual + np.tensordot(step, line.sensitivity, 1)) * known for line, known in self.unseen]
-        )
 
 
 @dataclass(frozen=True)
@@ -139,7 +94,7 @@ class Judge:
         """Return the summands that the judging part does not show, as at a place that it does not pass."""
         if not trial.found:
             return []
-        effects, models = (*trial.names, *trial.equation), self.evidence.residual_models
+        effects, models = trial.effects, self.evidence.residual_models
         repaired = with_effects(self.vehicle, list(effects), trial.values)
         lines = self.evidence.cache.linearisations(models, repaired, effects, True)
         squares = np.zeros((2, lines[0].sensitivity.shape[0]))
@@ -172,22 +127,22 @@ class Judge:
         effects = equation_effects(self.vehicle, found) if found else ()
         values = dict(trial.values)
         for effect in effects:
-            values[effect.key] = np.array([_coefficients(trial)[parameter.name] for parameter in effect.parameters])
+            values[effect.key] = np.array([trial.coefficients[parameter.name] for parameter in effect.parameters])
         return self.trial(names, effects, found, values)
 
     def _changes_without(self, trial: Trial) -> dict[str, float]:
         """Return what `unseen_error` grows by without each name, by key, and new summand, by name, to first order."""
-        effects = (*trial.names, *trial.equation)
-        problem = self._linear_problem(trial, [rows_of_choice(one) for one in self.evidence.residual_models])
-        change = np.concatenate(
-            [(file_values(effect, self.vehicle) - trial.values[effect.key]) for effect in effects]
-        ) / parameter_steps(effects)
+        effects = trial.effects
+        rows = [rows_of_choice(one) for one in self.evidence.residual_models]
+        problem = linear_problem(self.evidence, self.vehicle, trial, rows)
+        change = np.concatenate([file_values(one, self.vehicle) - trial.values[one.key] for one in effects])
+        change = change / parameter_steps(effects)
         found, now = {}, problem.error(np.zeros(len(change)))
-        for item, rows in _items(trial).items():
-            others = np.setdiff1d(np.arange(len(change)), rows)
+        for item, own in trial.items.items():
+            others = np.setdiff1d(np.arange(len(change)), own)
             step = np.zeros(len(change))
-            step[rows] = change[rows]
-            right = problem.gradient[others] + problem.information[np.ix_(others, rows)] @ change[rows]
+            step[own] = change[own]
+            right = problem.gradient[others] + problem.information[np.ix_(others, own)] @ change[own]
             step[others] = -solve(problem.information[np.ix_(others, others)], right)
             found[item] = problem.error(step) - now
         return found
@@ -199,31 +154,9 @@ class Judge:
         """
         paces, total = [rows_by_pace(one) for one in self.evidence.residual_models], 0.0
         for name in set.intersection(*(set(one) for one in paces)):
-            problem = self._linear_problem(trial, [one[name] for one in paces])
+            problem = linear_problem(self.evidence, self.vehicle, trial, [one[name] for one in paces])
             total += problem.error(-solve(problem.information, problem.gradient))
         return total
-
-    def _linear_problem(self, trial: Trial, rows) -> _LinearProblem:
-        """Return a trial to first order about its values.
-
-        Args:
-            trial: the trial.
-            rows: of each recording, which residuals (m,) the fit uses, and which judge it.
-        """
-        effects, models = (*trial.names, *trial.equation), self.evidence.residual_models
-        repaired = with_effects(self.vehicle, list(effects), trial.values)
-        if effects:
-            lines = self.evidence.cache.linearisations(models, repaired, effects, True)
-        else:
-            lines = residuals_at(self.evidence, repaired)
-        products, unseen = [], []
-        for one, line, sigma, (used, judging) in zip(models, lines, self.evidence.sigmas, rows, strict=True):
-            weight = (used[:, None] & one.measured) / sigma
-            x = (line.sensitivity * weight).reshape(len(line.sensitivity), weight.size)
-            products.append((x @ x.T, x @ (line.residual * weight).ravel()))
-            unseen.append((line, np.where(judging[:, None] & one.measured, 1.0, np.nan)))
-        information, gradient = (sum(parts) for parts in zip(*products, strict=True))
-        return _LinearProblem(information, gradient, unseen)
 
     def _with_equation(self, trial: Trial) -> Trial:
         """Return the trial with the equation of what its names leave, without summands that disagree; itself without.
@@ -266,7 +199,7 @@ class Judge:
         if len(found) == len(trial.found):
             return trial
         more = self._beside_names(trial, found)
-        before, after = _coefficients(trial), _coefficients(more)
+        before, after = trial.coefficients, more.coefficients
         factors = [after[one.name] / before[one.name] for one in trial.found if before[one.name]]
         return more if all(1.0 / MAX_FACTOR < factor < MAX_FACTOR for factor in factors) else trial
 
@@ -281,7 +214,7 @@ class Judge:
     def with_tested_ranges(self, trial: Trial) -> Trial:
         """Return a trial with the ranges of its summands as far as the flights show that they hold."""
         repaired = with_effects(self.vehicle, [*trial.names, *trial.equation], trial.values)
-        found = extrapolation.with_tested_ranges(self._residuals(repaired), repaired, trial.found, _coefficients(trial))
+        found = extrapolation.with_tested_ranges(self._residuals(repaired), repaired, trial.found, trial.coefficients)
         return replace(trial, found=found, equation=equation_effects(self.vehicle, found))
 
     def _residuals(self, vehicle: Vehicle) -> polynomial_search.Residuals:
@@ -298,7 +231,7 @@ class Judge:
 
     def disagreeing(self, trial: Trial, share: float) -> set[str]:
         """Return the new summands whose coefficient differs from the first half of the flights to the second."""
-        joint = (*trial.names, *trial.equation)
+        joint = trial.effects
         repaired = with_effects(self.vehicle, list(joint), trial.values)
         equations = normal_equations_at(self.evidence, repaired, joint, share)
         parameters = [parameter for effect in joint for parameter in effect.parameters]
@@ -324,56 +257,3 @@ def kinds_without_name(found: SearchResult) -> set[str]:
     channels = [one.channel for one in (*found.equation_terms, *found.unexplained)]
     kinds = {KINDS[channel.quantity] for channel in channels if channel.quantity in KINDS}
     return kinds | {"force", "moment", equation.AT_ROTORS} if kinds & {"force", "moment"} else kinds
-
-
-def unseen_error(evidence: Evidence, vehicle: Vehicle, file: Vehicle | None = None) -> float:
-    """Return the error of a vehicle on the unseen parts, see `log_error`.
-
-    Args:
-        evidence: the recordings.
-        vehicle: the vehicle.
-        file: the vehicle of the file, where something unknown acts on the voltage. The residual of a voltage has no
-            mean, because the charge at the first row is unknown; but what takes it above that of a full pack, where the
-            file does not, is an error, too.
-    """
-    parts = []
-    for one in evidence.residual_models:
-        unseen = rows_of_choice(one)[1][:, None] & one.measured
-        residual = np.array(one.residual(vehicle))
-        for c in (c for c, channel in enumerate(one.channels) if channel.quantity == VOLTAGE):
-            if file:
-                residual[:, c] += excess_above_full(one.recording, vehicle, file)
-        parts.append(np.where(unseen, residual, np.nan))
-    return log_error(parts)
-
-
-def log_error(parts) -> float:
-    """Return the sum over c channels of log(root mean square) of residuals (m, c) of each recording, NaN for none."""
-    residual = np.concatenate(parts)
-    squares = np.nansum(np.square(residual), axis=0) / np.maximum(np.sum(np.isfinite(residual), axis=0), 1)
-    return float(0.5 * np.sum(np.log(squares[squares > 0])))
-
-
-def _items(trial: Trial) -> dict[str, np.ndarray]:
-    """Return the positions of the parameters of each name, by key, and of each new summand, by name."""
-    found, new = {}, {one.name for one in trial.found}
-    for key, rows in parameter_slices((*trial.names, *trial.equation)).items():
-        effect = next(one for one in (*trial.names, *trial.equation) if one.key == key)
-        if effect in trial.names:
-            found[key] = np.arange(rows.start, rows.stop)
-        else:
-            found |= {p.name: np.array([rows.start + i]) for i, p in enumerate(effect.parameters) if p.name in new}
-    return found
-
-
-def _coefficients(trial: Trial) -> dict[str, float]:
-    """Return the coefficient of each summand by its name."""
-    return {p.name: x for one in trial.equation for p, x in zip(one.parameters, trial.values[one.key], strict=True)}
-
-
-def equation_effects(vehicle: Vehicle, found) -> tuple[Effect, ...]:
-    """Return the effects of an equation with new summands beside those of the vehicle file."""
-    entry = {side: dict(own) for side, own in vehicle.terms.get("equation", {}).items()}
-    for one in found:
-        entry.setdefault(one.side, {}).setdefault(one.product, {"coefficient": 0.0, "range": list(one.range)})
-    return equation.effects(replace(vehicle, terms={**vehicle.terms, "equation": entry}))

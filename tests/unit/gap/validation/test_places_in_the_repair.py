@@ -12,7 +12,7 @@ from swift_sim_bridge.gap.discovery.polynomial_search import Found
 from swift_sim_bridge.gap.pipeline import prepare, references
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.residuals.channels import SPECIFIC_FORCE
-from swift_sim_bridge.gap.validation import repair_trials
+from swift_sim_bridge.gap.validation import repair_trials, unseen_errors
 
 LIFT_M_S2, RADIUS_M = 4.0, 1.5
 
@@ -33,7 +33,8 @@ def test_a_place_that_the_judging_part_does_not_pass_is_in_the_repair(monkeypatc
         apart = np.linalg.norm(model.recording.p_world - center, axis=1)[model.filter.rows]
         return fitted, judging & (apart > 2.0 * RADIUS_M)
 
-    monkeypatch.setattr(repair_trials, "rows_of_choice", elsewhere)
+    for module in (repair_trials, unseen_errors):
+        monkeypatch.setattr(module, "rows_of_choice", elsewhere)
     with jax.enable_x64(True):
         changed = FlightTable("lifted", {**table.channels, "specific_force_body": lifted})
         evidence = prepare.prepare_evidence([changed], vehicle(), Options(lambda text: None))
