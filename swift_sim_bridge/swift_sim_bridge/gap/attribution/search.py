@@ -126,7 +126,11 @@ def beyond_rows(evidence: Evidence, vehicle: Vehicle, selected: list[SelectedEff
     bounds, found = [row_bounds(one.recording) for one in evidence.residual_models], []
     for one in selected:
         bound = np.max([each.get(one.effect.id, np.zeros(len(one.values))) for each in bounds], axis=0)
-        if bound.any() and np.all(np.abs(one.values - file_values(one.effect, vehicle)) < bound):
+        others = [other for other in selected if other is not one]  # of the motors' lags one follows the other
+        beside = with_effects(
+            vehicle, [other.effect for other in others], {other.effect.key: other.values for other in others}
+        )
+        if bound.any() and np.all(np.abs(one.values - file_values(one.effect, beside)) < bound):
             continue
         covariance = one.covariance + np.diag(bound**2 / 3.0)  # of a uniform distribution
         found.append(replace(one, covariance=covariance))

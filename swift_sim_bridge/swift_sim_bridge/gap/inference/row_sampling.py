@@ -27,6 +27,7 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 POSE_AND_IMU = ("p_world", "q_world_body", "gyro_body", "specific_force_body")
 ITERATIONS = 5  # Gauss-Newton steps at most
 CONVERGED_S = 2e-5  # change of the shift that ends the iteration
+ASYMMETRY_SHARE = 0.05  # of a row: rising and falling commands that are interpolated may differ by as much in time
 DAMPING = 1e-3  # share of each effect's information that is added to it: keeps effects small that the flight hides
 
 
@@ -95,7 +96,11 @@ def row_bounds(recording: Recording) -> dict[str, np.ndarray]:
     pose_and_imu = max((rows_s.get(name, 0.0) for name in POSE_AND_IMU), default=0.0)
     commands = rows_s.get("motor_command", 0.0)
     of_motors = {"motor_time_constant": commands} if recording.driven else {}  # rotor speeds would show the shift
-    delays_s = {"time_offset": 0.5 * pose_and_imu, "command_latency": commands} | of_motors
+    delays_s = {
+        "time_offset": 0.5 * pose_and_imu,
+        "command_latency": commands,
+        "motor_asymmetry": ASYMMETRY_SHARE * commands,
+    } | of_motors
     bounds, link = {name: np.array([delay_s]) for name, delay_s in delays_s.items()}, recording.command_link
     if link and link.row_s:
         bounds["rate_scale"] = np.concatenate([link.scale_error(), command_timing.NEGLIGIBLE[:3]])

@@ -72,6 +72,7 @@ def test_rows_of_every_pass_or_with_a_declared_meaning_leave_nothing_open():
     assert row_bounds(undeclared) == {
         "time_offset": pytest.approx(2.0 * LOOP_S),
         "command_latency": pytest.approx(4.0 * LOOP_S),
+        "motor_asymmetry": pytest.approx(0.2 * LOOP_S),
     }
     named = dict.fromkeys(table.channels, RowSampling("mean"))
     declared = read_recording(replace(table, sampling=named), LOOP)
