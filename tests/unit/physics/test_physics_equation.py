@@ -87,6 +87,12 @@ def test_motors_and_pack_get_what_the_equation_adds():
     assert volts == pytest.approx(0.25)
 
 
+def test_one_motor_may_have_a_coefficient_of_its_own():
+    *_, speeds, _ = shown(rotor_speed={"u": summand(50.0), "rotor_2 u": summand(-20.0), "rotor_9": summand(7.0)})
+    *_, shared, _ = shown(rotor_speed={"u": summand(50.0)})
+    assert speeds == pytest.approx(shared * [1.0, 0.6, 1.0, 1.0], rel=1e-6)
+
+
 def test_a_quantity_counts_from_a_value_on():
     force, *_ = shown(force_x={"over(v_x,4.5) v_z": summand(0.1)}, force_y={"over(v_x,7)": summand(0.1)})
     assert force == pytest.approx([0.1 * (V_BODY[0] - 4.5) * V_BODY[2], 0.0, 0.0], abs=1e-9)

@@ -241,7 +241,11 @@ def test_what_a_repair_removes_counts_apart_from_exact_names_and_only_where_the_
 
 def test_an_equation_of_motors_and_pack_is_flown_as_the_vehicle_file_says():
     row = {"coefficient": 0.5, "range": [-1e4, 1e4]}
-    sides = {"rotor_speed": {"U sqrt(u)": row, "1": row}, "voltage": {"current": row | {"coefficient": -0.002}}}
+    alone = row | {"coefficient": -40.0}
+    sides = {
+        "rotor_speed": {"U sqrt(u)": row, "1": row, "rotor_3 u": alone},
+        "voltage": {"current": row | {"coefficient": -0.002}},
+    }
     repaired = vehicle() | {
         "terms": {"equation": sides | {"voltage": sides["voltage"] | {"Omega^3": row | {"range": [0, 2]}}}}
     }
@@ -255,4 +259,5 @@ def test_an_equation_of_motors_and_pack_is_flown_as_the_vehicle_file_says():
     volts = float(before.voltage - 0.002 * before.current + 0.5 * 2)
     assert float(outputs.voltage) == pytest.approx(volts)
     steady = plant.steady_speed(0.3, volts, numbers) + 0.5 * volts * np.sqrt(0.3) + 0.5
+    steady = steady - np.array([0.0, 0.0, 40.0 * 0.3, 0.0])
     assert slope.rotor_speed == pytest.approx((steady - SPIN) / vehicle()["motor"]["time_constant_up"])

@@ -27,6 +27,7 @@ RATES, SPEEDS = ("omega_x", "omega_y", "omega_z"), ("v_x", "v_y", "v_z")
 AIR = ("", "v_x", "v_y", "v_z", "v_xy", "v_xy^2", "mu^2", "mu^3", "sink", "sink^2", "sink^3", "ring", "ground")
 # From where on command and speed (share of the highest) may count: sums of such bends follow the curve of a resonance.
 BENDS_OF_COMMAND, BENDS_OF_SPEED = np.arange(0.1, 1.0, 0.1), np.arange(0.3, 1.0, 0.1)
+PEAKS_OF_SPEED, REACHES_OF_SPEED = np.arange(0.3, 1.0, 0.05), (0.15, 0.3)
 IN_MOTION = (
     "1",
     *SPEEDS,
@@ -182,19 +183,37 @@ def _of_motors(residual_model: ResidualModel, vehicle: Vehicle, parameters: Para
     speed = physics_replay.rotor_speeds(physics_replay.stack_parameters([vehicle]), record)[0]
     command = np.concatenate([record.command, record.command[-1:]])
     products = (*OF_MOTOR, *(f"over(u,{bend:.1f})" for bend in BENDS_OF_COMMAND))
-    products += tuple(f"over(Omega,{bend * vehicle.rotor_speed_range[1]:.0f})" for bend in BENDS_OF_SPEED)
+    highest = vehicle.rotor_speed_range[1]
+    products += tuple(f"over(Omega,{bend * highest:.0f})" for bend in BENDS_OF_SPEED)
+    products += tuple(
+        f"around(Omega,{peak * highest:.0f},{reach * highest:.0f})"
+        for peak in PEAKS_OF_SPEED
+        for reach in REACHES_OF_SPEED
+    )
     time, found = 0.5 * (vehicle.motor.time_constant_up + vehicle.motor.time_constant_down), []
     for i in range(speed.shape[1]):
-        at = (np.interp(recording.t, record.t, part) for part in (command[:, i], record.voltage, speed[:, i]))
-        drive = quantities.Drive(*map(jnp.asarray, at))
+        at = [np.interp(recording.t, record.t, part) for part in (command[:, i], record.voltage, speed[:, i])]
+        if recording.has("single_rotor_speeds"):  # the vehicle's own speed, which is what the equation will meet
+            at[2] = recording.rotor_speed[:, i]
+        drive = quantities.Drive(*map(jnp.asarray, at), number=i + 1)
         values = [
             quantities.product_of(product, "motor").value(drive) * jnp.ones_like(drive.speed) for product in products
         ]
         late = np.stack([lagged(np.asarray(one), recording.dt, time) for one in values], axis=-1)
         met = np.stack(values, axis=-1)[residual_model.filter.rows][residual_model.good]
         smooth = apply(residual_model.filter.smooth, late)
-        found.append(Products(products, smooth, ranges_of(met), np.zeros(len(products))))
+        shared = Products(products, smooth, ranges_of(met), np.zeros(len(products)))
+        found.append(_with_each_alone(shared, i, speed.shape[1]))
     return found
+
+
+def _with_each_alone(shared: Products, rotor: int, count: int) -> Products:
+    """Return the products of one of `count` motors, and those of each motor alone, which are zero for the others."""
+    names = (*shared.names, *(f"rotor_{i + 1} {one}" for i in range(count) for one in shared.names))
+    size, shown = len(shared.names), [i == rotor for i in range(count)]
+    values = np.concatenate([shared.values, *(own * shared.values for own in shown)], axis=1)
+    ranges = np.concatenate([shared.ranges, *(own * shared.ranges for own in shown)])
+    return Products(names, values, ranges, np.zeros(size * (1 + count)))
 
 
 def _of_pack(residual_model: ResidualModel, vehicle: Vehicle) -> Products:

@@ -25,6 +25,9 @@ MIN_EXCESS_SHARE = 0.05  # of the squares of a left side's noise, which its erro
 MIN_GAIN = 20.0  # squares of independent samples that a summand must remove; noise gives 10 to the best of 100
 MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they may differ
 DISAGREEMENT_ERRORS = 2.0  # standard errors by which they may differ where that is more
+# Of what is left of that error: what coefficients of each rotor's own must remove, and a further summand of the motors,
+# whose speeds are measured so well that 2 % of the squares, a seventh of the error, is much.
+MIN_SHARE_OF_LEFT = 0.2
 TIE_SHARE = 0.02  # of that error, by which a simpler product may remove less than the best one
 MIN_INDEPENDENT_SHARE = 1e-3  # of a product's square that the chosen ones do not contain
 ONE_HALF_SHARE = 0.02  # of a product's square, below which a half of the flight does not show it
@@ -57,7 +60,7 @@ class Found:
         product: the product of quantities.
         range: its lowest and highest value in the whole recordings.
         removed_share: share of the squares of the left side's error, noise included, that it removes in one half with
-            the coefficient of the other.
+            the coefficient of the other; of coefficients of each rotor's own an equal part.
     """
 
     side: str
@@ -209,20 +212,48 @@ def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[_Level, ..
 def _chosen(problem: _Problem, known: list[str]) -> list[Found]:
     """Return the summands of one left side that join the products that are known already."""
     excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
-    chosen = [problem.products.index(one) for one in known]
-    removed = [_lowered(problem, chosen)[0]]
-    while len(chosen) < (MAX_SUMMANDS_OF_VOLTAGE if problem.side == "voltage" else MAX_SUMMANDS):
-        scores = {j: _removed(problem, [*chosen, j]) for j in _independent(problem, chosen)}
+    before, shares = [problem.products.index(one) for one in known], {}
+    most = MAX_SUMMANDS_OF_VOLTAGE if problem.side == "voltage" else MAX_SUMMANDS
+    for _ in range(most - len(before)):
+        chosen = [*before, *shares]
+        now = _lowered(problem, chosen)[0]
+        candidates = (j for j in _independent(problem, chosen) if not _is_alone(problem.products[j]))
+        scores = {j: _removed(problem, [*chosen, j]) for j in candidates}
         best = _simplest(problem, scores, TIE_SHARE * excess)
-        if best is None or scores[best] - removed[-1] < max(MIN_REMOVED_SHARE * excess, MIN_GAIN):
+        least = MIN_REMOVED_SHARE * excess
+        if problem.side == "rotor_speed":
+            least = min(least, MIN_SHARE_OF_LEFT * (excess - now))
+        if best is None or scores[best] - now < max(least, MIN_GAIN):
             break
-        chosen.append(best)
-        removed.append(scores[best])
-    steps = np.diff(removed) / problem.squares.sum()
+        shares = _of_each_rotor(problem, before, shares | {best: scores[best] - now}, best)
+    total = float(problem.squares.sum())
     return [
-        Found(problem.side, problem.products[j], tuple(map(float, problem.ranges[j])), float(step))
-        for j, step in zip(chosen[len(known) :], steps, strict=True)
+        Found(problem.side, problem.products[j], tuple(map(float, problem.ranges[j])), share / total)
+        for j, share in shares.items()
     ]
+
+
+def _of_each_rotor(problem: _Problem, known: list[int], shares: dict[int, float], j: int) -> dict[int, float]:
+    """Return the new products with what each removes, product j for each rotor alone if rotors differ clearly in it.
+
+    Rotors differ in one product at most: a second one would have as many numbers again.
+    """
+    alone = [i for i, name in enumerate(problem.products) if _is_alone(name, problem.products[j])]
+    if not alone or any(_is_alone(problem.products[i]) for i in (*known, *shares)):
+        return shares
+    others = {i: share for i, share in shares.items() if i != j}
+    now = _lowered(problem, [*known, *shares])[0]
+    more = _removed(problem, [*known, *others, *alone], len(alone)) - now
+    left = float(problem.squares.sum()) - problem.noise - now
+    if more < max(MIN_SHARE_OF_LEFT * left, MIN_GAIN * len(alone)):
+        return shares
+    return others | dict.fromkeys(alone, (shares[j] + more) / len(alone))
+
+
+def _is_alone(name: str, product: str = "") -> bool:
+    """Return whether a name is that of a product, or of any, for one rotor alone."""
+    rotor, _, rest = name.partition(" ")
+    return quantities.ROTOR_ALONE.fullmatch(rotor) is not None and product in ("", rest)
 
 
 def _simplest(problem: _Problem, scores: dict[int, float], tie: float) -> int | None:
@@ -247,15 +278,17 @@ def _independent(problem: _Problem, chosen: list[int]) -> list[int]:
     return [j for j in np.flatnonzero(remaining > MIN_INDEPENDENT_SHARE * diagonal) if j not in chosen]
 
 
-def _removed(problem: _Problem, rows: list[int]) -> float:
-    """Return `_lowered`, minus infinity if the coefficient of the last product differs between the halves."""
+def _removed(problem: _Problem, rows: list[int], last: int = 1) -> float:
+    """Return `_lowered`, minus infinity if a coefficient of the last products differs between the halves."""
     lowered, fits = _lowered(problem, rows)
-    first, second = (one[-1] for one in fits)
-    if abs(first - second) <= MAX_DISAGREEMENT * 0.5 * abs(first + second):
-        return lowered
-    last = np.eye(len(rows))[-1]
-    variance = sum(last @ solve(one[np.ix_(rows, rows)], last) for one in problem.information)
-    return lowered if abs(first - second) <= DISAGREEMENT_ERRORS * np.sqrt(variance) else -np.inf
+    first, second = (one[-last:] for one in fits)
+    apart = np.abs(first - second)
+    unlike = apart > MAX_DISAGREEMENT * 0.5 * np.abs(first + second)
+    if unlike.any():
+        units = np.eye(len(rows))[:, -last:]
+        variance = sum(np.sum(units * solve(one[np.ix_(rows, rows)], units), axis=0) for one in problem.information)
+        unlike &= apart > DISAGREEMENT_ERRORS * np.sqrt(variance)
+    return -np.inf if unlike.any() else lowered
 
 
 def _lowered(problem: _Problem, rows: list[int]) -> tuple[float, list[np.ndarray]]:

@@ -14,6 +14,8 @@ from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.validation.repair_trials import SIMILAR, Judge, Trial, kinds_without_name
 
+CLEARLY_BETTER = 0.5  # of `error_beyond`: by which names beside something unexplained must predict fast flight better
+
 
 @dataclass(frozen=True)
 class Repair:
@@ -62,7 +64,8 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     best = min((one for one in trials if one.error < best.error + SIMILAR), key=lambda one: one.numbers)
     fewer = [one for one in trials if set(one.names) < set(best.names)]
     if fewer:  # names that stand beside something unexplained may resemble it only as far as this flight went
-        best = min((best, *fewer), key=judge.error_beyond)
+        other = min(fewer, key=judge.error_beyond)
+        best = best if judge.error_beyond(best) < judge.error_beyond(other) - CLEARLY_BETTER else other
     kept = {effect.key for effect in best.names}
     for one in all_names:
         if one.effect.key not in kept:

@@ -24,6 +24,7 @@ NEAR = re.compile(rf"near\({NUMBER},{NUMBER},{NUMBER},(\d+(?:\.\d*)?)\)")  # x, 
 OVER = re.compile(r"over\((.+),(\d+(?:\.\d*)?)\)")  # a quantity, and the value from which on it counts
 AROUND = re.compile(r"around\((.+),(\d+(?:\.\d*)?),(\d+(?:\.\d*)?)\)")  # a quantity, a value, and a reach
 OF_ROTOR = re.compile(r"(thrust|Omega)_(\d+)")
+ROTOR_ALONE = re.compile(r"rotor_([1-9]\d*)")  # 1 for the motor of this rotor, 0 for the others
 SPEED, RATE = "m/s", "rad/s"
 
 
@@ -48,11 +49,13 @@ class Drive(NamedTuple):
         command: (...) motor command, 0 to 1.
         voltage: (...) V.
         speed: (...) rad/s.
+        number: of its rotor, from 1.
     """
 
     command: jax.Array
     voltage: jax.Array
     speed: jax.Array
+    number: int
 
 
 class Hub(NamedTuple):
@@ -238,6 +241,8 @@ def _quantity(name: str, known: str) -> Quantity:
         return _near(*map(float, place.groups()))
     if known == "motion" and (rotor := OF_ROTOR.fullmatch(name)):
         return _of_rotor(rotor[1], int(rotor[2]))
+    if known == "motor" and (rotor := ROTOR_ALONE.fullmatch(name)):
+        return _alone(int(rotor[1]))
     raise ValueError(f"has no quantity '{name}'; there are {', '.join(table)}")
 
 
@@ -280,3 +285,9 @@ def _of_rotor(name: str, number: int) -> Quantity:
         return values[number - 1] if 1 <= number <= len(values) else 0.0 * values[0]
 
     return Quantity(MOTION[name].unit, value, f"{name} of rotor {number}")
+
+
+def _alone(number: int) -> Quantity:
+    """Return 1 for the motor of one rotor, from 1, and 0 for the others."""
+    meaning = f"1 for the motor of rotor {number}, 0 for the others"
+    return Quantity("", lambda drive: float(drive.number == number), meaning)

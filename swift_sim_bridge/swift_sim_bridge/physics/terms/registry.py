@@ -169,7 +169,8 @@ def added_speeds(speeds, motor_commands, voltage, parameters) -> tuple:
     """
     added = (0.0,) * len(speeds)
     for _, steady_speed, own in terms_with(parameters, "steady_speed"):
-        drives = (Drive(u, voltage, speed) for u, speed in zip(motor_commands, speeds, strict=True))
+        rows = enumerate(zip(motor_commands, speeds, strict=True), start=1)
+        drives = (Drive(u, voltage, speed, number) for number, (u, speed) in rows)
         added = tuple(plus(sum_, steady_speed(own, drive)) for sum_, drive in zip(added, drives, strict=True))
     return added
 

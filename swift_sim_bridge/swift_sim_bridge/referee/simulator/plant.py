@@ -179,7 +179,7 @@ def derivative(state: State, inputs: Inputs, plant: dict) -> tuple[State, Output
     voltage, current = supply(state, plant)
     target = [(1.0 + plant["gain"][i]) * steady_speed(inputs.u[i], voltage, plant) for i in count]
     if "rotor_speed" in plant["equation"]:
-        target = [target[i] + _added_speed(inputs.u[i], voltage, state.rotor_speed[i], plant) for i in count]
+        target = [target[i] + _added_speed(i, inputs.u[i], voltage, state.rotor_speed, plant) for i in count]
     tau = [jnp.where(target[i] > state.rotor_speed[i], plant["tau_up"], plant["tau_down"]) for i in count]
     spin_up = tuple((target[i] - state.rotor_speed[i]) / tau[i] for i in count)
     if plant["blind"]:
@@ -219,9 +219,10 @@ def supply(state: State, plant: dict):
     return voltage, power / voltage
 
 
-def _added_speed(u, voltage, speed, plant: dict):
-    """Return what the equation of a repaired vehicle file adds to a motor's steady speed, rad/s."""
-    added = polynomial.added(polynomial.of_motor(u, voltage, speed), plant["equation"]["rotor_speed"])
+def _added_speed(i: int, u, voltage, speeds, plant: dict):
+    """Return what the equation of a repaired vehicle file adds to the steady speed of motor i, rad/s."""
+    drive = polynomial.of_motor(u, voltage, speeds[i], i + 1, len(speeds))
+    added = polynomial.added(drive, plant["equation"]["rotor_speed"])
     return jnp.where(u > 0, added, 0.0)
 
 

@@ -85,9 +85,10 @@ def of_rotor(thrust, spin, v, height, p, radius) -> dict:
     }
 
 
-def of_motor(u, voltage, speed) -> dict:
-    """Return the quantities that the equation of a motor's steady speed may name."""
-    return {"u": u, "sqrt(u)": jnp.sqrt(jnp.maximum(u, 0.0)), "U": voltage, "Omega": speed}
+def of_motor(u, voltage, speed, number: int, count: int) -> dict:
+    """Return the quantities that the equation of the steady speed of motor `number`, from 1, of `count` may name."""
+    own = {f"rotor_{other}": 1.0 if other == number else 0.0 for other in range(1, count + 1)}
+    return {"u": u, "sqrt(u)": jnp.sqrt(jnp.maximum(u, 0.0)), "U": voltage, "Omega": speed, **own}
 
 
 def of_pack(current, charge, speeds) -> dict:

@@ -19,6 +19,7 @@ from swift_sim_bridge.gap.residuals.filters import apply
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 NOISE = 0.3
+PEAK = (1330, 300)  # rad/s, of a resonance of the motors and its reach
 
 
 @pytest.fixture(autouse=True)
@@ -80,14 +81,33 @@ def test_the_range_of_a_current_is_the_recorded_one_though_the_voltage_has_no_me
     assert found.range[0] < np.quantile(current, 0.01) and np.quantile(current, 0.99) < found.range[1]
 
 
-def test_motors_that_lose_speed_from_a_command_on_show_a_bend():
-    loss = {"over(u,0.45)": {"coefficient": -600.0, "range": [0.0, 0.55]}}
-    table, file = flight(2, equation={"rotor_speed": loss}), lissajous_flight.vehicle()
+def of_motors(losses: dict[str, float]) -> list[str]:
+    """Return what the search finds in a flight whose motors lose speed by these products of up to 1."""
+    lost = {product: {"coefficient": -most, "range": [0.0, 1.0]} for product, most in losses.items()}
+    table, file = flight(2, equation={"rotor_speed": lost}), lissajous_flight.vehicle()
     one = ResidualModel(read_recording(table, file))
     line = linearise(one, perturbed_variants(file, ()))
     residuals = polynomial_search.Residuals((one,), [line], (np.full(len(one.channels), 5.0),))
-    found = [one.product for one in polynomial_search.search(residuals, file, 1.0) if one.side == "rotor_speed"]
-    assert found[0] in ("over(u,0.4)", "over(u,0.5)")
+    return [one.product for one in polynomial_search.search(residuals, file, 1.0) if one.side == "rotor_speed"]
+
+
+def test_motors_that_lose_speed_from_a_command_on_show_a_bend():
+    assert of_motors({"over(u,0.45)": 600.0})[0] in ("over(u,0.4)", "over(u,0.5)")
+
+
+def test_motors_that_lose_speed_at_a_resonance_show_a_peak_of_the_speed_that_they_have():
+    center, reach = PEAK
+    product, *_ = of_motors({f"around(Omega,{center},{reach})": 100.0})
+    assert product.startswith("around(Omega,")
+    assert float(product[13:-1].split(",")[0]) == pytest.approx(center, abs=0.06 * center)
+
+
+def test_each_rotor_gets_a_coefficient_of_its_own_where_they_differ_clearly():
+    center, reach = PEAK
+    found = of_motors({f"rotor_{i} around(Omega,{center},{reach})": 40.0 * i for i in (1, 2, 3, 4)})
+    peaks = [one for one in found if "around" in one]
+    assert [one.split()[0] for one in peaks[:4]] == ["rotor_1", "rotor_2", "rotor_3", "rotor_4"]
+    assert len({one.split()[1] for one in peaks[:4]}) == 1
 
 
 def test_thrust_that_each_rotor_loses_is_one_summand_of_force_and_moments():
