@@ -7,13 +7,15 @@ from pathlib import Path
 
 import jax
 
+MIN_COMPILE_TIME = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"
 CPU_DESCRIPTION = Path("/proc/cpuinfo")
 
 
 def keep_compiled_code() -> None:
     """Make JAX keep what it compiles in the user's cache folder, less than a megabyte for a kind of recording.
 
-    JAX_COMPILATION_CACHE_DIR of the environment wins. Where the folder cannot be made, each run compiles anew.
+    JAX_COMPILATION_CACHE_DIR and JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS of the environment win. Where the folder
+    cannot be made, each run compiles anew.
     """
     if jax.config.jax_compilation_cache_dir is None:
         folder = cache_folder()
@@ -22,7 +24,8 @@ def keep_compiled_code() -> None:
         except OSError:
             return
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    if MIN_COMPILE_TIME not in os.environ:  # JAX would keep nothing that compiles within a second
+        jax.config.update(MIN_COMPILE_TIME.lower(), 0.0)
 
 
 def cache_folder() -> Path:

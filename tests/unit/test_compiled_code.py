@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 from swift_sim_bridge import compiled_code
 
 COMPILES = """
@@ -17,9 +19,10 @@ print("/jax/compilation_cache/cache_hits" in hits)
 """
 
 
-def test_a_second_run_takes_the_code_that_the_first_compiled(tmp_path):
+@pytest.mark.parametrize("named_by", ["XDG_CACHE_HOME", "JAX_COMPILATION_CACHE_DIR"])
+def test_a_second_run_takes_the_code_that_the_first_compiled(tmp_path, named_by):
     environment = {key: value for key, value in os.environ.items() if not key.startswith("JAX_")}
-    environment["XDG_CACHE_HOME"] = str(tmp_path)
+    environment[named_by] = str(tmp_path)
     said = [
         subprocess.run([sys.executable, "-c", COMPILES], env=environment, capture_output=True, text=True, check=True)
         for _ in range(2)
