@@ -20,7 +20,7 @@ from swift_sim_bridge.gap.attribution.process_noise import with_recorded_noise
 from swift_sim_bridge.gap.attribution.stepwise_search import other_variants, problem_without_variants, select_stepwise
 from swift_sim_bridge.gap.attribution.unexplained import unexplained_channels
 from swift_sim_bridge.gap.attribution.used_pack import is_of_used_pack, used_pack
-from swift_sim_bridge.gap.attribution.wind import select_local_wind
+from swift_sim_bridge.gap.attribution.wind import may_be_thrust, select_local_wind
 from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
@@ -161,6 +161,8 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
         certain = few and key not in explanation.uncertain and not explanation.terms
         if effect.id in model_comparison.LOCATED_EFFECTS:  # crossed once, neither it nor its place may be known
             certain = certain and model_comparison.changed_count(effect, vehicle, values, covariance) > 0
+        if effect.id == "local_draught" and certain:
+            certain = not may_be_thrust(evidence, vehicle, [effects[one] for one in keys], values)
         found.append(
             SelectedEffect(
                 effect=effect,

@@ -3,16 +3,24 @@
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from swift_ros.vehicle import Vehicle
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution import model_comparison
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
-from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, selection_problem_at, with_effects
+from swift_sim_bridge.gap.attribution.gauss_newton import (
+    gauss_newton_fit,
+    residuals_at,
+    selection_problem_at,
+    with_effects,
+)
 from swift_sim_bridge.gap.discovery import equation_search
+from swift_sim_bridge.gap.discovery.polynomial_search import Found, equation_effects
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import gust_correlation, local_wind_search, stepwise
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation, linearise, perturbed_variants
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.physics.terms.equation import AT_ROTORS
 
 WIND_STEP = 0.05  # m/s, step of the effect `wind`, to which the sensitivities refer
 AVERAGING_S = 0.2  # over which the scatter of reference flights is averaged; longer hides short passages of the wake
@@ -132,6 +140,31 @@ def gusts_are_certain(gusts: SelectedEffect, found: SearchResult) -> bool:
     if found.equation_terms or found.unexplained:
         return False
     return not found.selected or gusts.significance >= gust_correlation.CERTAIN_SIGNIFICANCE
+
+
+def may_be_thrust(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> bool:
+    """Return whether a gain of the rotors' thrust at the place of a local draught explains as much as the draught.
+
+    So does the ground effect of a raised pad, which no effect names.
+
+    Args:
+        evidence: the evidence.
+        vehicle: the vehicle without effects.
+        effects: the selected effects, the draught one of them.
+        values: their values, by key.
+    """
+    draught = next(one for one in effects if one.id == "local_draught")
+    at = dict(zip((parameter.name for parameter in draught.parameters), values[draught.key], strict=True))
+    place = ",".join(f"{at[name]:.3f}" for name in ("center[0]", "center[1]", "center[2]", "radius"))
+    gain = Found(AT_ROTORS, f"near({place}) thrust", (0.0, vehicle.mass * GRAVITY), 0.0)
+    rivals = [*(one for one in effects if one is not draught), *equation_effects(vehicle, [gain])]
+    fitted, _ = gauss_newton_fit(evidence, vehicle, rivals, {one.key: values[one.key] for one in rivals[:-1]})
+    left = [
+        model_comparison.normalised_squares(evidence, residuals_at(evidence, with_effects(vehicle, *one)))
+        for one in ((rivals, fitted), (effects, values))
+    ]
+    more_numbers = 2  # a velocity has three, a gain has one
+    return left[0] < left[1] + more_numbers * model_comparison.PARAMETER_PENALTY + model_comparison.MAX_DEFICIT
 
 
 def _wind_sensitivity(evidence: Evidence, vehicle: Vehicle) -> tuple[Linearisation, np.ndarray]:

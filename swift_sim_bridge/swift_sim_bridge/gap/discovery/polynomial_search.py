@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.discovery.equation_products import products_at_rotors, products_of_recording, ranges_of
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
@@ -72,6 +73,14 @@ class Found:
     def name(self) -> str:
         """The name of the summand, as that of its parameter."""
         return equation.name_of(self.side, self.product)
+
+
+def equation_effects(vehicle: Vehicle, found: Iterable[Found]) -> tuple[Effect, ...]:
+    """Return the effects of an equation with new summands beside those of the vehicle file."""
+    entry = {side: dict(own) for side, own in vehicle.terms.get("equation", {}).items()}
+    for one in found:
+        entry.setdefault(one.side, {}).setdefault(one.product, {"coefficient": 0.0, "range": list(one.range)})
+    return equation.effects(replace(vehicle, terms={**vehicle.terms, "equation": entry}))
 
 
 class _Level(NamedTuple):

@@ -13,7 +13,7 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
     with_effects,
 )
 from swift_sim_bridge.gap.discovery import extrapolation, polynomial_search
-from swift_sim_bridge.gap.discovery.polynomial_search import Found
+from swift_sim_bridge.gap.discovery.polynomial_search import Found, equation_effects
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, solve
@@ -26,7 +26,7 @@ from swift_sim_bridge.gap.residuals.channels import (
     VOLTAGE,
 )
 from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, TRAINING_SHARE, rows_by_pace, rows_of_choice
-from swift_sim_bridge.gap.validation.trial import Trial, equation_effects
+from swift_sim_bridge.gap.validation.trial import Trial
 from swift_sim_bridge.gap.validation.unseen_errors import linear_problem, unseen_error
 from swift_sim_bridge.physics.terms import equation
 

@@ -1,14 +1,12 @@
 """A trial of a repair: effects that are fitted to the first part of each flight, with their error on what follows."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.discovery.polynomial_search import Found
 from swift_sim_bridge.gap.inference.sensitivity import parameter_slices
-from swift_sim_bridge.physics.terms import equation
 
 
 @dataclass(frozen=True)
@@ -54,11 +52,3 @@ class Trial:
             begin = slices[effect.key].start
             found |= {p.name: np.array([begin + i]) for i, p in enumerate(effect.parameters) if p.name in new}
         return found
-
-
-def equation_effects(vehicle: Vehicle, found) -> tuple[Effect, ...]:
-    """Return the effects of an equation with new summands beside those of the vehicle file."""
-    entry = {side: dict(own) for side, own in vehicle.terms.get("equation", {}).items()}
-    for one in found:
-        entry.setdefault(one.side, {}).setdefault(one.product, {"coefficient": 0.0, "range": list(one.range)})
-    return equation.effects(replace(vehicle, terms={**vehicle.terms, "equation": entry}))

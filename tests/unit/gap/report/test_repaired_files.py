@@ -10,11 +10,10 @@ import yaml
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution.evidence import SelectedEffect
-from swift_sim_bridge.gap.discovery.polynomial_search import Found
+from swift_sim_bridge.gap.discovery.polynomial_search import Found, equation_effects
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.report import repaired_files
-from swift_sim_bridge.gap.validation.trial import equation_effects
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms import motion, registry
 from swift_sim_bridge.simulation import checks
