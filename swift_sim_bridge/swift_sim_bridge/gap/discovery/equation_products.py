@@ -58,6 +58,7 @@ OF_ROTOR = (
 )
 OF_MOTOR = ("1", "u", "sqrt(u)", "u^2", "U", "U u", "U sqrt(u)", "Omega")
 OF_PACK = ("current", "charge", "current^2", "current^3", "Omega^3")
+BENDS_OF_CURRENT = np.arange(0.05, 0.55, 0.05)  # share of that at full speed from where on it may count: a worn plug
 
 
 class Products(NamedTuple):
@@ -219,15 +220,17 @@ def _with_each_alone(shared: Products, rotor: int, count: int) -> Products:
 def _of_pack(residual_model: ResidualModel, vehicle: Vehicle) -> Products:
     """Return the effects of products on the voltage less its mean, averaged as the residual."""
     recording = residual_model.recording
-    cubed = np.sum(recording.rotor_speed**3, axis=1)
-    pack = vehicle.battery
+    pack, speed = vehicle.battery, recording.rotor_speed
+    cubed = np.sum(speed**3, axis=1)
     power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
     drawn = recording.current if recording.has("current") else power_w / recording.voltage
     load = quantities.Load(drawn, np.cumsum(drawn) * recording.dt, tuple(recording.rotor_speed.T))
-    values = np.stack([np.asarray(quantities.product_of(one, "supply").value(load)) for one in OF_PACK], axis=-1)
-    rows = residual_model.filter.rows
+    full_w = vehicle.torque_coefficient * speed.shape[1] * vehicle.rotor_speed_range[1] ** 3 / pack.efficiency
+    bends = BENDS_OF_CURRENT * full_w / pack.reference_voltage
+    products, rows = (*OF_PACK, *(f"over(current,{bend:.1f})" for bend in bends)), residual_model.filter.rows
+    values = np.stack([np.asarray(quantities.product_of(one, "supply").value(load)) for one in products], axis=-1)
     smooth = averaged(values - values.mean(axis=0), recording.dt)[rows]
-    return Products(OF_PACK, smooth, ranges_of(values[rows][residual_model.good]), values.mean(axis=0))
+    return Products(products, smooth, ranges_of(values[rows][residual_model.good]), values.mean(axis=0))
 
 
 def ranges_of(values) -> np.ndarray:

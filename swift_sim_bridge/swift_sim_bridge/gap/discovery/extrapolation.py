@@ -3,7 +3,8 @@
 The coefficient is estimated from the inner half of its product's range, and from the rest. Where both agree, the flight
 has shown that the product predicts twice as far as it was fitted, and its range is doubled. Any other ends where the
 recordings end: a polynomial that only resembles the cause goes astray beyond. Towards zero a summand goes on that is
-alone on its left side: a loss that was recorded in fast flight alone does not stay in slow flight.
+alone on its left side: a loss that was recorded in fast flight alone does not stay in slow flight. A voltage that is
+lost in proportion to the current goes on to twice the current, by Ohm's law: it does not stop at the recorded one.
 """
 
 from collections.abc import Iterable
@@ -15,7 +16,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.discovery.equation_products import Products, products_at_rotors, products_of_recording
 from swift_sim_bridge.gap.discovery.polynomial_search import Found, Residuals
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
-from swift_sim_bridge.physics.terms import equation
+from swift_sim_bridge.physics.terms import equation, quantities
 
 INNER_SHARE = 0.5  # of the largest value of a product
 MAX_ERROR_SHARE = 0.2  # of the coefficient, its standard error; what is less certain shows nothing
@@ -44,12 +45,22 @@ def with_tested_ranges(
             one = replace(one, range=(min(one.range[0], 0.0), max(one.range[1], 0.0)))
         own = [products.get(one.side, {}) for products in columns]
         coefficient = coefficients[one.name] * _response(one.side, vehicle)
+        low, high = one.range
+        if one.side == "voltage" and (bend := _bend_of_current(one.product)) is not None:
+            return replace(one, range=(low, (high + bend) / INNER_SHARE - bend))
         if equation.kind_of(one.side) not in EXTRAPOLATED or not _holds(residuals, own, one, coefficient):
             return one
-        low, high = one.range
         return replace(one, range=(low / INNER_SHARE, high / INNER_SHARE))
 
     return tuple(map(tested, found))
+
+
+def _bend_of_current(product: str) -> float | None:
+    """Return the current from which on a voltage is proportional to more of it; None for another product."""
+    bend = quantities.OVER.fullmatch(product)
+    if bend and bend[1] == "current":
+        return float(bend[2])
+    return 0.0 if product == "current" else None
 
 
 def _columns(

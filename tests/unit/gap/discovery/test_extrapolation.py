@@ -1,6 +1,7 @@
 """In which range a summand is used: beyond the recorded one only where the inner half of it predicts the rest."""
 
 import jax
+import lissajous_flight
 import numpy as np
 import pytest
 from known_motion import motion
@@ -9,8 +10,10 @@ from known_residuals import residual_model, vehicle
 from swift_ros import geometry
 from swift_sim_bridge.gap.discovery import extrapolation
 from swift_sim_bridge.gap.discovery.polynomial_search import Found, Residuals
-from swift_sim_bridge.gap.inference.sensitivity import Linearisation
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation, linearise, perturbed_variants
+from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.filters import apply
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 NOISE, COEFFICIENT = 0.1, 0.02
 
@@ -64,3 +67,19 @@ def test_a_summand_that_is_alone_vanishes_with_its_product_and_two_that_may_canc
     beside = Found("force_z", "thrust", (6.0, 9.0), 0.1)
     assert used_ranges(lambda x: 0.0 * x, [recorded(), alone], noise=20.0)[1] == (0.0, 900.0)
     assert used_ranges(lambda x: 0.0 * x, [recorded(), alone, beside], noise=20.0)[1:] == [alone.range, beside.range]
+
+
+def test_a_voltage_that_is_lost_in_proportion_to_the_current_goes_on_to_twice_the_current_and_a_power_of_it_does_not():
+    table, file = lissajous_flight.flight(2), lissajous_flight.vehicle()
+    one = ResidualModel(read_recording(table, file))
+    line = linearise(one, perturbed_variants(file, ()))
+    residuals = Residuals((one,), [line], (np.full(len(one.channels), 0.02),))
+    most = float(table["current"].values.max())
+    for product, high, used in (
+        ("current", most, 2.0 * most),
+        ("over(current,18.1)", most - 18.1, 2.0 * most - 18.1),
+        ("current^3", most**3, most**3),
+    ):
+        lost = Found("voltage", product, (0.0, high), 0.5)
+        (found,) = extrapolation.with_tested_ranges(residuals, file, [lost], {lost.name: -1e-5})
+        assert found.range == pytest.approx((0.0, used))
