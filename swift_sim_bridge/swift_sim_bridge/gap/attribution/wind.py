@@ -23,6 +23,7 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.physics.terms.equation import AT_ROTORS
 
 WIND_STEP = 0.05  # m/s, step of the effect `wind`, to which the sensitivities refer
+FEWER_NUMBERS = 2  # of a gain of thrust, which has one, than of a draught's velocity
 AVERAGING_S = 0.2  # over which the scatter of reference flights is averaged; longer hides short passages of the wake
 
 
@@ -163,8 +164,7 @@ def may_be_thrust(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], v
         model_comparison.normalised_squares(evidence, residuals_at(evidence, with_effects(vehicle, *one)))
         for one in ((rivals, fitted), (effects, values))
     ]
-    more_numbers = 2  # a velocity has three, a gain has one
-    return left[0] < left[1] + more_numbers * model_comparison.PARAMETER_PENALTY + model_comparison.MAX_DEFICIT
+    return left[0] < left[1] + FEWER_NUMBERS * model_comparison.PARAMETER_PENALTY + model_comparison.MAX_DEFICIT
 
 
 def _wind_sensitivity(evidence: Evidence, vehicle: Vehicle) -> tuple[Linearisation, np.ndarray]:

@@ -25,7 +25,7 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 
 RATES, SPEEDS = ("omega_x", "omega_y", "omega_z"), ("v_x", "v_y", "v_z")
 AIR = ("", "v_x", "v_y", "v_z", "v_xy", "v_xy^2", "mu^2", "mu^3", "sink", "sink^2", "sink^3", "ring", "ground")
-# From where on command and speed (share of the highest) may count: sums of such bends follow the curve of a resonance.
+# From where on command and speed (share of the highest) may count, and peaks of the speed, as at a resonance.
 BENDS_OF_COMMAND, BENDS_OF_SPEED = np.arange(0.1, 1.0, 0.1), np.arange(0.3, 1.0, 0.1)
 PEAKS_OF_SPEED, REACHES_OF_SPEED = np.arange(0.3, 1.0, 0.05), (0.15, 0.3)
 IN_MOTION = (

@@ -22,7 +22,7 @@ INNER_SHARE = 0.5  # of the largest value of a product
 MAX_ERROR_SHARE = 0.2  # of the coefficient, its standard error; what is less certain shows nothing
 AGREEMENT_ERRORS = 2.0  # standard errors by which the two coefficients may differ
 AGREEMENT_SHARE = 0.1  # of the coefficient, by which they may differ where that is more
-EXTRAPOLATED = ("force", "moment", equation.AT_ROTORS)  # motors and packs saturate
+EXTRAPOLATED = ("force", "moment", equation.AT_ROTORS)  # motors saturate; for packs see `_bend_of_current`
 
 
 def with_tested_ranges(

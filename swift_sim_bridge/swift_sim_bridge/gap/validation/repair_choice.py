@@ -64,8 +64,8 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     best = min((one for one in trials if one.error < best.error + SIMILAR), key=lambda one: one.numbers)
     fewer = [one for one in trials if set(one.names) < set(best.names)]
     if fewer:  # names that stand beside something unexplained may resemble it only as far as this flight went
-        other = min(fewer, key=judge.error_beyond)
-        best = best if judge.error_beyond(best) < judge.error_beyond(other) - CLEARLY_BETTER else other
+        other, error = min(((one, judge.error_beyond(one)) for one in fewer), key=lambda pair: pair[1])
+        best = best if judge.error_beyond(best) < error - CLEARLY_BETTER else other
     kept = {effect.key for effect in best.names}
     for one in all_names:
         if one.effect.key not in kept:

@@ -1,41 +1,33 @@
-"""A local draught beside a gain of thrust at the same place, as over a raised pad."""
+"""Local winds and gusts: how a residual is weighed, and when gusts are certain."""
 
-import jax
 import numpy as np
 import pytest
-from lissajous_flight import REFERENCE_FLIGHTS, STEP_S, flight, path, vehicle
 
-from swift_sim_bridge.gap.attribution import wind
-from swift_sim_bridge.gap.pipeline import prepare, references
-from swift_sim_bridge.gap.pipeline.diagnosis import Options
+from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffect
+from swift_sim_bridge.gap.attribution.wind import gusts_are_certain, local_sigma
+from swift_sim_bridge.gap.effects import catalogue
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 
-RADIUS_M = 1.8
-
-
-def place() -> np.ndarray:
-    """Return a place that the flight passes."""
-    return path().p_world[round(4.0 / STEP_S), 0] + [0.3, 0.2, -0.2]
+ROWS, RATE = 1500, 50
 
 
-def may_be_thrust(table) -> bool:
-    """Return what the tool says of the draught that it finds in a flight."""
-    with jax.enable_x64(True):
-        evidence = prepare.prepare_evidence([table], vehicle(), Options(lambda text: None))
-        evidence, keys, values = wind.select_local_wind(evidence, vehicle(), [], {}, lambda text: None)
-        assert [key.split("[")[0] for key in keys] == ["local_draught"]
-        effects = [one for one in evidence.effects if one.key in keys]
-        return wind.may_be_thrust(evidence, vehicle(), effects, values)
+def test_sigma_is_larger_where_reference_flights_scatter_more():
+    rng, lines = np.random.default_rng(3), []
+    for shift in range(12):
+        residual = rng.standard_normal((ROWS, 2))
+        residual[200:220, 0] *= 1.0 + 4.0 * rng.random()  # a wake, crossed at random
+        t, sensitivity = (np.arange(ROWS) + shift) / RATE, np.zeros((0, ROWS, 2))
+        lines.append(Linearisation(t, residual, sensitivity, np.ones(ROWS, bool)))
+    sigma = local_sigma(lines, np.array([0.5, 2.0]), lines[0].t)
+    assert np.median(sigma, axis=0) == pytest.approx([0.5, 2.0], rel=0.05)
+    assert sigma[205:215, 0].min() > 1.0 and sigma[205:215, 1].max() < 3.0 and np.all(sigma >= [0.5, 2.0])
 
 
-@pytest.fixture(autouse=True)
-def few_reference_flights(monkeypatch):
-    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
-
-
-def test_a_gain_of_thrust_over_a_pad_is_not_certainly_a_draught():
-    pad = f"near({','.join(f'{x:.3f}' for x in (*place(), RADIUS_M))}) thrust"
-    assert may_be_thrust(flight(6, equation={"rotor_thrust": {pad: {"coefficient": 0.15, "range": [0.0, 50.0]}}}))
-
-
-def test_a_draught_is_not_a_gain_of_thrust():
-    assert not may_be_thrust(flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *place(), RADIUS_M])))
+@pytest.mark.parametrize(
+    ("significance", "beside", "certain"), [(5.1, False, True), (5.1, True, False), (9.0, True, True)]
+)
+def test_gusts_that_another_effect_s_error_may_be_are_not_certain(significance, beside, certain):
+    """A propeller that has lost 30 % of its thrust left gusts of 5.1 standard deviations in calm air."""
+    gusts = SelectedEffect(catalogue.gusts(), np.array([1.1]), np.eye(1), significance)
+    other = SelectedEffect(catalogue.payload(), np.zeros(3), np.eye(3), 40.0)
+    assert gusts_are_certain(gusts, SearchResult((other,) if beside else (), (), None)) == certain
