@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from swift_ros.blas_threads import ONE_THREAD
 from swift_ros.configuration import prefixes
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import choose
@@ -70,9 +71,7 @@ def executable_path(package: str, executable: str) -> Path:
 
 def environment(domain: int, discovery: str = "local") -> dict[str, str]:
     """Return the environment of child processes: this process's own, with a ROS domain and a range of discovery."""
-    # the matrices of the filters are too small for more threads
-    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    found = one_thread | dict(os.environ) | {"ROS_DOMAIN_ID": str(domain)}
+    found = ONE_THREAD | dict(os.environ) | {"ROS_DOMAIN_ID": str(domain)}
     choose(discovery, found)
     return found
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 ITERATIONS = 25  # of the solver, at most; CONVERGED or FLAT end it earlier
 MIN_DAMPING = 1e-3  # first Levenberg-Marquardt damping after a step that increases the cost
@@ -128,7 +128,7 @@ class Fit:
     @property
     def half_interval95(self) -> np.ndarray:
         """Half the width (k,) of the 95 % interval."""
-        return stats.t.ppf(0.975, self.freedom) * self.standard_error
+        return special.stdtrit(self.freedom, 0.975) * self.standard_error
 
 
 @dataclass(frozen=True)

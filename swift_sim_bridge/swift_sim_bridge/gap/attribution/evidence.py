@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.discovery.equation_search import EquationTerm
@@ -131,7 +131,7 @@ class SelectedEffect:
         weights = np.array([1.0, *(one.weight for one in rivals)])
         means = self.values + np.array([np.zeros(len(self.values)), *(one.shift for one in rivals)])
         errors = np.array([np.sqrt(np.diag(self.covariance)), *(one.errors for one in rivals)])
-        errors = errors * stats.t.ppf(0.975, max(seconds - 1, 1)) / stats.norm.ppf(0.975)
+        errors = errors * special.stdtrit(max(seconds - 1, 1), 0.975) / special.ndtri(0.975)
         low, high = (mixture_quantile(share, weights / weights.sum(), means, errors) for share in (0.025, 0.975))
         ends = np.minimum(low, self.values), np.maximum(high, self.values)
         return np.clip(ends, *np.array([(one.low, one.high) for one in self.effect.parameters]).T)

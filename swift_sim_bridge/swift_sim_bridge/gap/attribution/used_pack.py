@@ -5,7 +5,7 @@ recordings begin after the take-off. The charge that was drawn before looks like
 """
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect, Parameter
@@ -63,7 +63,7 @@ def is_of_used_pack(change: np.ndarray, covariance: np.ndarray, lower_pack: tupl
         along = solve(covariance, pack.shift)
         share = -(change @ along) / max(pack.shift @ along, 1e-300)  # of the charge of SECONDS_BEFORE
         remainder = change + min(share, 1.0) * pack.shift
-        if share > 0.0 and chi2.sf(remainder @ solve(covariance, remainder), len(change)) > MIN_PROBABILITY:
+        if share > 0.0 and chdtrc(len(change), remainder @ solve(covariance, remainder)) > MIN_PROBABILITY:
             return True
     return False
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.confounders import FITTED_NOISE, SIMULATOR_ERROR_SHARE
@@ -86,6 +86,6 @@ def mixture_quantile(share: float, weights: np.ndarray, means: np.ndarray, error
     low, high = (means - REACH_ERRORS * errors).min(axis=0), (means + REACH_ERRORS * errors).max(axis=0)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        below = weights @ norm.cdf((middle - means) / errors)
+        below = weights @ ndtr((middle - means) / errors)
         low, high = np.where(below < share, middle, low), np.where(below < share, high, middle)
     return 0.5 * (low + high)

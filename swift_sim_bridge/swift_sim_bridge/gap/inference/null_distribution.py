@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, accumulate, fit_gain
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation, parameter_steps
@@ -64,7 +64,7 @@ class NullDistribution:
 
     def threshold(self, key: str) -> float:
         """Return the gain that an effect needs to be selected."""
-        by_chance = stats.chi2.isf(2.0 * stats.norm.sf(MIN_SIGNIFICANCE), self._parameter_count(key))
+        by_chance = special.chdtri(self._parameter_count(key), 2.0 * special.ndtr(-MIN_SIGNIFICANCE))
         return max(by_chance * self.variance_inflation(key), REFERENCE_MARGIN * float(np.max(self.null_gains(key))))
 
     @property

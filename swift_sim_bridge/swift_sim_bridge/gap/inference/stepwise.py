@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, fit_gain, solve
 from swift_sim_bridge.gap.inference.null_distribution import MAX_BIAS_SHARE, NullDistribution
@@ -186,7 +186,8 @@ def chance(equations: NormalEquations, found: Fit, size: int) -> float:
     """Return the probability that the scatter over the seconds makes the last `size` parameters of a fit as large."""
     wald = found.estimate[-size:] @ solve(found.covariance[-size:, -size:], found.estimate[-size:])
     seconds = np.count_nonzero(equations.samples)
-    return float(stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1)))
+    free = max(seconds - size, 0)
+    return float(special.fdtrc(size, max(free, 1), wald / size * free / max(seconds - 1, 1)))
 
 
 def _fit_beside(problem: SelectionProblem, selected: list[str], key: str) -> Fit:
@@ -219,7 +220,7 @@ def _exceeds_bias(problem: SelectionProblem, selected: list[str], key: str) -> b
 def significance(gain: float, size: int) -> float:
     """Return the significance of the gain of `size` parameters, as standard deviations of a normal variable."""
     if gain < 1000.0:
-        return float(max(stats.norm.isf(0.5 * stats.chi2.sf(max(gain, 0.0), size)), 0.0))
+        return float(max(-special.ndtri(0.5 * special.chdtrc(size, max(gain, 0.0))), 0.0))
     half = 0.5 * size
     log_tail = (half - 1.0) * np.log(0.5 * gain) - 0.5 * gain - special.gammaln(half)  # of the chi-squared distribution
     return float(np.sqrt(-2.0 * log_tail - np.log(-np.pi * log_tail)))  # with the same tail of the normal distribution

@@ -5,18 +5,17 @@ Each is as wide as a column of the page, which is the width of a phone.
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from PIL import Image
 
 from swift_ros.track import Track
 from swift_sim_bridge.gap.validation.holdout import HoldoutResult
 from swift_sim_bridge.gap.validation.mismatch import LAYERS, Mismatch, display_layer
 from swift_sim_bridge.plots.track import PLANES, draw_gates
-
-matplotlib.use("Agg")
 
 RECORDED, BEFORE, AFTER = "#999999", "#2b6cb0", "#d7301f"
 MODEL_STYLES = {  # colour, line style and label by model of `black_boxes.MODELS`
@@ -82,8 +81,16 @@ def draw(
             "The position error of all these simulations by their duration, beside two black-box models.",
         )
     for name, (figure, _) in figures.items():
-        figure.savefig(folder / name, dpi=DPI)
+        _save(figure, folder / name)
     return {name: caption for name, (_, caption) in figures.items()}
+
+
+def _save(figure: Figure, path: Path) -> None:
+    """Write a figure as a PNG file. `Figure.savefig` would draw it twice, which takes a third longer."""
+    figure.set_dpi(DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").save(path)
 
 
 def _sides(one: Mismatch) -> dict[str, tuple[str, np.ndarray]]:
