@@ -43,7 +43,7 @@ IN_MOTION = (
     *(f"Omega {one}" for one in (*SPEEDS, *RATES)),
     *(f"spin_Omega {one}" for one in (*SPEEDS[:2], *RATES[:2])),
     "spin_Omega'",
-    *(f"{name}_{axis}" for name in ("up", "east", "north") for axis in "xyz"),
+    *(f"up_{axis}" for axis in "xyz"),  # not the heading: on another path a force that follows it is another one
 )
 # The same of a share of a rotor's thrust that changes somewhere in the range of a ratio, as at a stall or in a wake.
 BENDS_OF_MU, BENDS_OF_SINK = np.arange(0.005, 0.2, 0.01), np.arange(0.1, 1.8, 0.2)

@@ -6,13 +6,13 @@ removes with the coefficient of the other half: a product whose coefficient diff
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.discovery.equation_products import products_at_rotors, products_of_recording, ranges_of
+from swift_sim_bridge.gap.discovery.half_regression import HalfRegression, Level
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.residuals.propulsion import MAX_ABOVE_FULL_V, voltage_above_full
@@ -24,15 +24,10 @@ MAX_SUMMANDS_OF_VOLTAGE = 1  # powers of the current are so similar that two of 
 MIN_REMOVED_SHARE = 0.02  # of the error of a left side beyond its noise, that a summand must remove
 MIN_EXCESS_SHARE = 0.05  # of the squares of a left side's noise, which its error beyond the noise is taken to be
 MIN_GAIN = 20.0  # squares of independent samples that a summand must remove; noise gives 10 to the best of 100
-MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they may differ
-DISAGREEMENT_ERRORS = 2.0  # standard errors by which they may differ where that is more
 # Of what is left of that error: what coefficients of each rotor's own must remove, and a further summand of the motors,
 # whose speeds are measured so well that 2 % of the squares, a seventh of the error, is much.
 MIN_SHARE_OF_LEFT = 0.2
 TIE_SHARE = 0.02  # of that error, by which a simpler product may remove less than the best one
-MIN_INDEPENDENT_SHARE = 1e-3  # of a product's square that the chosen ones do not contain
-ONE_HALF_SHARE = 0.02  # of a product's square, below which a half of the flight does not show it
-BEND = 1e-6  # of the sum of squares of a product, added for products that are zero in one half
 
 
 @dataclass(frozen=True)
@@ -83,45 +78,6 @@ def equation_effects(vehicle: Vehicle, found: Iterable[Found]) -> tuple[Effect, 
     return equation.effects(replace(vehicle, terms={**vehicle.terms, "equation": entry}))
 
 
-class _Level(NamedTuple):
-    """The mean of a voltage, which its residual lacks: the charge at the start is unknown, but no pack is over full.
-
-    Attributes:
-        above_full: V, see `propulsion.voltage_above_full`.
-        means: (q,) of the products.
-        weight: squares of a volt, in independent samples.
-    """
-
-    above_full: float
-    means: np.ndarray
-    weight: float
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """The regression of one left side on q products, for each half of the flight.
-
-    Attributes:
-        side: left side.
-        products: (q,).
-        ranges: (q, 2).
-        information: (2, q, q) products of the products, by half.
-        gradient: (2, q) products of the products and the error, by half.
-        squares: (2,) squares of the error, by half.
-        noise: squares of its noise, of both halves.
-        levels: the mean of a voltage in each recording that has one.
-    """
-
-    side: str
-    products: tuple[str, ...]
-    ranges: np.ndarray
-    information: np.ndarray
-    gradient: np.ndarray
-    squares: np.ndarray
-    noise: float
-    levels: tuple[_Level, ...] = ()
-
-
 def search(
     residuals: Residuals, vehicle: Vehicle, share: float, known: Iterable[Found] = (), at_rotors: bool = False
 ) -> list[Found]:
@@ -155,7 +111,7 @@ def _products(found: list[Found], side: str) -> list[str]:
     return [one.product for one in found if one.side == side]
 
 
-def _less(residuals: Residuals, columns, problem: _Problem, chosen: list[str]) -> Residuals:
+def _less(residuals: Residuals, columns, problem: HalfRegression, chosen: list[str]) -> Residuals:
     """Return the residuals less the chosen products of one left side, with the coefficients that fit them best.
 
     Args:
@@ -175,7 +131,7 @@ def _less(residuals: Residuals, columns, problem: _Problem, chosen: list[str]) -
     return replace(residuals, lines=lines)
 
 
-def _problem(side: str, columns, residuals: Residuals, share: float) -> _Problem | None:
+def _problem(side: str, columns, residuals: Residuals, share: float) -> HalfRegression | None:
     """Return the regression of one left side over all recordings, None without data.
 
     Args:
@@ -204,30 +160,30 @@ def _problem(side: str, columns, residuals: Residuals, share: float) -> _Problem
     squares = np.array([sum(float(y[h[i]] @ y[h[i]]) for _, y, h in parts) for i in range(2)])
     ranges = ranges_of(np.concatenate([one.ranges.T for one in shown]))
     noise = float(sum(len(y) for _, y, _ in parts))
-    return _Problem(side, shown[0].names, ranges, information, gradient, squares, noise)
+    return HalfRegression(side, shown[0].names, ranges, information, gradient, squares, noise)
 
 
-def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[_Level, ...]:
+def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[Level, ...]:
     """Return the mean of each recording's voltage, but of one that is above full already."""
     found = []
     for own, one, sigma in zip(columns, residuals.residual_models, residuals.sigmas, strict=True):
         above = voltage_above_full(one.recording, vehicle)
         if above < MAX_ABOVE_FULL_V:
             ((c, products),) = own["voltage"].items()
-            found.append(_Level(above, products.means, np.count_nonzero(one.good) / sigma[c] ** 2))
+            found.append(Level(above, products.means, np.count_nonzero(one.good) / sigma[c] ** 2))
     return tuple(found)
 
 
-def _chosen(problem: _Problem, known: list[str]) -> list[Found]:
+def _chosen(problem: HalfRegression, known: list[str]) -> list[Found]:
     """Return the summands of one left side that join the products that are known already."""
     excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
     before, shares = [problem.products.index(one) for one in known], {}
     most = MAX_SUMMANDS_OF_VOLTAGE if problem.side == "voltage" else MAX_SUMMANDS
     for _ in range(most - len(before)):
         chosen = [*before, *shares]
-        now = _lowered(problem, chosen)[0]
-        candidates = (j for j in _independent(problem, chosen) if not _is_alone(problem.products[j]))
-        scores = {j: _removed(problem, [*chosen, j]) for j in candidates}
+        now = problem.lowered(chosen)[0]
+        candidates = (j for j in problem.independent(chosen) if not _is_alone(problem.products[j]))
+        scores = {j: problem.removed([*chosen, j]) for j in candidates}
         best = _simplest(problem, scores, TIE_SHARE * excess)
         least = MIN_REMOVED_SHARE * excess
         if problem.side == "rotor_speed":
@@ -242,7 +198,7 @@ def _chosen(problem: _Problem, known: list[str]) -> list[Found]:
     ]
 
 
-def _of_each_rotor(problem: _Problem, known: list[int], shares: dict[int, float], j: int) -> dict[int, float]:
+def _of_each_rotor(problem: HalfRegression, known: list[int], shares: dict[int, float], j: int) -> dict[int, float]:
     """Return the new products with what each removes, product j for each rotor alone if rotors differ clearly in it.
 
     Rotors differ in one product at most: a second one would have as many numbers again.
@@ -251,8 +207,8 @@ def _of_each_rotor(problem: _Problem, known: list[int], shares: dict[int, float]
     if not alone or any(_is_alone(problem.products[i]) for i in (*known, *shares)):
         return shares
     others = {i: share for i, share in shares.items() if i != j}
-    now = _lowered(problem, [*known, *shares])[0]
-    more = _removed(problem, [*known, *others, *alone], len(alone)) - now
+    now = problem.lowered([*known, *shares])[0]
+    more = problem.removed([*known, *others, *alone], len(alone)) - now
     left = float(problem.squares.sum()) - problem.noise - now
     if more < max(MIN_SHARE_OF_LEFT * left, MIN_GAIN * len(alone)):
         return shares
@@ -265,7 +221,7 @@ def _is_alone(name: str, product: str = "") -> bool:
     return quantities.ROTOR_ALONE.fullmatch(rotor) is not None and product in ("", rest)
 
 
-def _simplest(problem: _Problem, scores: dict[int, float], tie: float) -> int | None:
+def _simplest(problem: HalfRegression, scores: dict[int, float], tie: float) -> int | None:
     """Return the best product of the fewest factors among those whose score is the largest but for `tie`."""
     largest = max(scores.values(), default=-np.inf)
     tied = [j for j, score in scores.items() if score > -np.inf and score >= largest - tie]
@@ -274,47 +230,3 @@ def _simplest(problem: _Problem, scores: dict[int, float], tie: float) -> int | 
         key=lambda j: (sum(power for _, power in quantities.factors(problem.products[j])), -scores[j]),
         default=None,
     )
-
-
-def _independent(problem: _Problem, chosen: list[int]) -> list[int]:
-    """Return the products that the chosen ones do not contain."""
-    total = problem.information.sum(axis=0)
-    diagonal = np.diag(total)
-    remaining = diagonal.copy()
-    if chosen:
-        weights = solve(total[np.ix_(chosen, chosen)], total[chosen])
-        remaining = remaining - np.einsum("ij,ij->j", total[chosen], weights)
-    return [j for j in np.flatnonzero(remaining > MIN_INDEPENDENT_SHARE * diagonal) if j not in chosen]
-
-
-def _removed(problem: _Problem, rows: list[int], last: int = 1) -> float:
-    """Return `_lowered`, minus infinity if a coefficient of the last products differs between the halves."""
-    lowered, fits = _lowered(problem, rows)
-    first, second = (one[-last:] for one in fits)
-    apart = np.abs(first - second)
-    unlike = apart > MAX_DISAGREEMENT * 0.5 * np.abs(first + second)
-    if unlike.any():
-        units = np.eye(len(rows))[:, -last:]
-        variance = sum(np.sum(units * solve(one[np.ix_(rows, rows)], units), axis=0) for one in problem.information)
-        unlike &= apart > DISAGREEMENT_ERRORS * np.sqrt(variance)
-    return -np.inf if unlike.any() else lowered
-
-
-def _lowered(problem: _Problem, rows: list[int]) -> tuple[float, list[np.ndarray]]:
-    """Return by how much the coefficients of one half lower the squares of the other, both ways together, and them."""
-    if not rows:
-        return 0.0, []
-    at, lowered = np.ix_(rows, rows), 0.0
-    total = problem.information.sum(axis=0)[at]
-    fits = [
-        solve(problem.information[i][at] + BEND * np.diag(np.diag(total)), problem.gradient[i][rows]) for i in range(2)
-    ]
-    if min(one[rows[-1], rows[-1]] for one in problem.information) < ONE_HALF_SHARE * total[-1, -1]:
-        fits = [solve(total, problem.gradient.sum(axis=0)[rows])] * 2  # a place that is passed in one half alone
-    for i, other in ((0, 1), (1, 0)):
-        x = fits[other]
-        lowered += float(2.0 * x @ problem.gradient[i][rows] - x @ problem.information[i][at] @ x)
-        for level in problem.levels:
-            above = max(level.above_full - float(x @ level.means[rows]) - MAX_ABOVE_FULL_V, 0.0)
-            lowered -= 0.5 * level.weight * above**2
-    return lowered, fits

@@ -13,6 +13,7 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
     with_effects,
 )
 from swift_sim_bridge.gap.discovery import extrapolation, polynomial_search
+from swift_sim_bridge.gap.discovery.half_regression import ONE_HALF_SHARE
 from swift_sim_bridge.gap.discovery.polynomial_search import Found, equation_effects
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
@@ -102,7 +103,7 @@ class Judge:
             for i, part in enumerate(rows_of_choice(one)):
                 squares[i] += np.sum((line.sensitivity * (part[:, None] & one.measured) / sigma) ** 2, axis=(1, 2))
         names = [parameter.name for effect in effects for parameter in effect.parameters]
-        shown = dict(zip(names, squares[1] > polynomial_search.ONE_HALF_SHARE * squares[0], strict=True))
+        shown = dict(zip(names, squares[1] > ONE_HALF_SHARE * squares[0], strict=True))
         return [one for one in trial.found if not shown[one.name]]
 
     def _without_worse(self, best: Trial) -> Trial:
@@ -241,7 +242,7 @@ class Judge:
         parts = [NormalEquations(*(part[half] for part in vars(equations).values())) for half in halves]
         fits = [stepwise.fit(part, rows) for part in parts]
         shown = np.min([part.parameter_information for part in parts], axis=0)
-        in_both = shown > polynomial_search.ONE_HALF_SHARE * equations.parameter_information
+        in_both = shown > ONE_HALF_SHARE * equations.parameter_information
         (first, second) = (now + one.estimate * steps for one in fits)
         errors = np.sqrt(sum(np.diag(one.covariance) for one in fits)) * steps
         apart = in_both & (

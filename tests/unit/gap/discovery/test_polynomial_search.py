@@ -126,6 +126,14 @@ def test_a_coefficient_that_flips_between_the_halves_of_the_flight_is_not_kept()
     assert searched(lambda t, v: np.where(t < 6.0, 0.02, -0.02) * v[:, 0] * v[:, 2]) == []
 
 
+def test_a_force_that_follows_the_heading_is_not_the_vehicle_s():
+    q = motion(residual_model().recording.t).q_world_body
+    north = geometry.rotate_inverse(q, np.broadcast_to([0.0, 1.0, 0.0], (len(q), 3)))
+    found = searched(lambda t, v: 0.5 * north[:, 1] + 0.02 * v[:, 0] * v[:, 2])
+    assert "force_y: v_x v_z" in [one.name for one in found]
+    assert not any(world in one.product for one in found for world in ("north", "east"))
+
+
 def test_noise_alone_gives_no_equation():
     assert searched(lambda t, v: np.zeros(len(t))) == []
 
