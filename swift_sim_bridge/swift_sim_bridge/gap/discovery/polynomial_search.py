@@ -79,7 +79,12 @@ def equation_effects(vehicle: Vehicle, found: Iterable[Found]) -> tuple[Effect, 
 
 
 def search(
-    residuals: Residuals, vehicle: Vehicle, share: float, known: Iterable[Found] = (), at_rotors: bool = False
+    residuals: Residuals,
+    vehicle: Vehicle,
+    share: float,
+    known: Iterable[Found] = (),
+    at_rotors: bool = False,
+    refused: frozenset[str] = frozenset(),
 ) -> list[Found]:
     """Return the summands that the residuals call for, by decreasing share of the error that each removes.
 
@@ -89,12 +94,13 @@ def search(
         share: share of each recording that is used, from its start.
         known: summands that are chosen already; others join them.
         at_rotors: whether what adds to each rotor's thrust is sought before forces and moments of what it leaves.
+        refused: names of summands that must not join.
     """
     found = list(known)
     if at_rotors:
         at = [products_at_rotors(one, vehicle, residuals.places) for one in residuals.residual_models]
         if problem := _problem(equation.AT_ROTORS, at, residuals, share):
-            found += _chosen(problem, _products(found, equation.AT_ROTORS))
+            found += _chosen(problem, _products(found, equation.AT_ROTORS), refused)
             residuals = _less(residuals, at, problem, _products(found, equation.AT_ROTORS))
     columns = [products_of_recording(one, vehicle, residuals.places) for one in residuals.residual_models]
     for side in columns[0]:
@@ -102,7 +108,7 @@ def search(
         if problem is not None and side == "voltage":
             problem = replace(problem, levels=_levels(columns, residuals, vehicle))
         if problem is not None:
-            found += _chosen(problem, _products(found, side))
+            found += _chosen(problem, _products(found, side), refused)
     return sorted(found, key=lambda one: -one.removed_share)
 
 
@@ -174,16 +180,17 @@ def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[Level, ...
     return tuple(found)
 
 
-def _chosen(problem: HalfRegression, known: list[str]) -> list[Found]:
-    """Return the summands of one left side that join the products that are known already."""
+def _chosen(problem: HalfRegression, known: list[str], refused: frozenset[str]) -> list[Found]:
+    """Return the summands of one left side that join the products that are known already; see `search`."""
+    names = [equation.name_of(problem.side, one) for one in problem.products]
+    offered = {j for j, one in enumerate(problem.products) if not _is_alone(one) and names[j] not in refused}
     excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
     before, shares = [problem.products.index(one) for one in known], {}
     most = MAX_SUMMANDS_OF_VOLTAGE if problem.side == "voltage" else MAX_SUMMANDS
     for _ in range(most - len(before)):
         chosen = [*before, *shares]
         now = problem.lowered(chosen)[0]
-        candidates = (j for j in problem.independent(chosen) if not _is_alone(problem.products[j]))
-        scores = {j: problem.removed([*chosen, j]) for j in candidates}
+        scores = {j: problem.removed([*chosen, j]) for j in problem.independent(chosen) if j in offered}
         best = _simplest(problem, scores, TIE_SHARE * excess)
         least = MIN_REMOVED_SHARE * excess
         if problem.side == "rotor_speed":

@@ -75,8 +75,13 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     return _on_whole_flights(judge, best, all_names, fixed)
 
 
-def _on_whole_flights(judge: Judge, trial: Trial, names: tuple[SelectedEffect, ...], fixed) -> Repair:
-    """Return the repair of a trial with the values of the whole flights."""
+def _on_whole_flights(
+    judge: Judge, trial: Trial, names: tuple[SelectedEffect, ...], fixed, refused: frozenset[str] = frozenset()
+) -> Repair:
+    """Return the repair of a trial with the values of the whole flights.
+
+    Others join in the place of summands whose coefficient differs from one half of the flights to the other.
+    """
     kept = [one for one in names if one.effect in trial.names]
     left_out = tuple(one for one in names if one.effect not in trial.names)
     if not trial.equation and not left_out and not judge.found.withdrawn:
@@ -86,11 +91,11 @@ def _on_whole_flights(judge: Judge, trial: Trial, names: tuple[SelectedEffect, .
         return Repair(fixed, left_out)
     values, covariance = gauss_newton_fit(judge.evidence, judge.vehicle, effects, trial.values)
     whole = replace(trial, values=values)
-    if unstable := judge.disagreeing(whole, 1.0) if trial.equation else ():
-        stable = trial
+    if unstable := judge.disagreeing(whole, 1.0) if trial.equation else set():
+        stable, refused = trial, refused | unstable
         for item in unstable:
             stable = judge.without(stable, item)
-        return _on_whole_flights(judge, stable, names, fixed)
+        return _on_whole_flights(judge, judge.with_more_summands(stable, refused), names, fixed, refused)
     if trial.equation:
         whole = judge.with_tested_ranges(whole)
     refitted = (one.fitted_again(values[one.effect.key], covariance[one.effect.key]) for one in kept)

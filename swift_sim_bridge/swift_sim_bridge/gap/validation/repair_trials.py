@@ -186,8 +186,8 @@ class Judge:
             found = [one for one in found if one.name not in unstable]
         return trial
 
-    def with_more_summands(self, trial: Trial) -> Trial:
-        """Return a trial with the summands that join those of its equation in all that fits use.
+    def with_more_summands(self, trial: Trial, refused: frozenset[str] = frozenset()) -> Trial:
+        """Return a trial with the summands that join those of its equation in all that fits use, none of the refused.
 
         The part from which the trial was chosen is short: of a weak cause it shows the strongest summand alone, and
         none of a place that is passed later. Where the others change its coefficient much, they cancel it and do not
@@ -196,7 +196,7 @@ class Judge:
         if not trial.found and self._summands(trial, CHOICE_SHARE):
             return trial
         at_rotors = not trial.found or any(one.side == equation.AT_ROTORS for one in trial.found)
-        found = self._summands(trial, TRAINING_SHARE, trial.found, at_rotors)
+        found = self._summands(trial, TRAINING_SHARE, trial.found, at_rotors, refused)
         if len(found) == len(trial.found):
             return trial
         more = self._beside_names(trial, found)
@@ -204,12 +204,20 @@ class Judge:
         factors = [after[one.name] / before[one.name] for one in trial.found if before[one.name]]
         return more if all(1.0 / MAX_FACTOR < factor < MAX_FACTOR for factor in factors) else trial
 
-    def _summands(self, trial: Trial, share: float, known: tuple[Found, ...] = (), at_rotors=False) -> list[Found]:
+    def _summands(
+        self,
+        trial: Trial,
+        share: float,
+        known: tuple[Found, ...] = (),
+        at_rotors: bool = False,
+        refused: frozenset[str] = frozenset(),
+    ) -> list[Found]:
         """Return the summands of what the names of a trial leave of a share of each flight, those known first."""
         repaired = with_effects(self.vehicle, list(trial.names), trial.values)
         kinds = kinds_without_name(self.found)
-        found = polynomial_search.search(self._residuals(repaired), repaired, share, known, at_rotors)
+        found = polynomial_search.search(self._residuals(repaired), repaired, share, known, at_rotors, refused)
         new = [one for one in found if equation.kind_of(one.side) in kinds and one not in known]
+        new = [one for one in new if one.name not in refused]  # of a rotor alone
         return [*known, *new][:MAX_SUMMANDS]
 
     def with_tested_ranges(self, trial: Trial) -> Trial:
