@@ -48,6 +48,11 @@ def test_a_planted_product_is_found_with_its_side_and_the_range_of_the_flight():
     assert found.range[0] < -10.0 < 10.0 < found.range[1]
 
 
+def test_a_simpler_product_that_fits_clearly_worse_does_not_win_though_it_removes_nearly_as_much():
+    (found,) = searched(lambda t, v: 0.05 * np.linalg.norm(v, axis=1) ** 0.6 * v[:, 1])  # nearer to |v| v_y than to v_y
+    assert found.product == "|v| v_y"
+
+
 def test_two_products_come_in_the_order_of_what_each_removes():
     first, second = searched(lambda t, v: 0.02 * v[:, 0] * v[:, 2] + 0.06 * v[:, 0])
     assert {first.name, second.name} == {"force_y: v_x v_z", "force_y: v_x"}
