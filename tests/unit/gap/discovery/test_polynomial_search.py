@@ -28,7 +28,7 @@ def double_precision():
         yield
 
 
-def searched(force_y, share=1.0, known=()):
+def searched(force_y, share=1.0, known=(), refused=frozenset()):
     """Search in residuals that are noise and a force (n,) N along y, of the samples' velocities (n, 3) m/s."""
     one = residual_model()
     channels = [channel.id for channel in one.channels]
@@ -39,7 +39,7 @@ def searched(force_y, share=1.0, known=()):
     residual[:, channels.index("specific_force_y")] += added
     line = Linearisation(one.t, residual, np.zeros((0, *residual.shape)), one.good)
     residuals = polynomial_search.Residuals((one,), [line], (np.full(len(channels), NOISE),))
-    return polynomial_search.search(residuals, vehicle(), share, known)
+    return polynomial_search.search(residuals, vehicle(), share, known, refused=refused)
 
 
 def test_a_planted_product_is_found_with_its_side_and_the_range_of_the_flight():
@@ -51,6 +51,17 @@ def test_a_planted_product_is_found_with_its_side_and_the_range_of_the_flight():
 def test_a_simpler_product_that_fits_clearly_worse_does_not_win_though_it_removes_nearly_as_much():
     (found,) = searched(lambda t, v: 0.05 * np.linalg.norm(v, axis=1) ** 0.6 * v[:, 1])  # nearer to |v| v_y than to v_y
     assert found.product == "|v| v_y"
+
+
+def test_another_product_joins_in_the_place_of_one_that_is_refused():
+    def force(t, v):
+        return 0.02 * v[:, 0] * v[:, 2] + 0.06 * v[:, 0]
+
+    refused = frozenset({"force_y: v_x"})
+    known = [one for one in searched(force) if one.name not in refused]
+    assert [one.name for one in known] == ["force_y: v_x v_z"]
+    first, *others = searched(force, known=known, refused=refused)
+    assert first == known[0] and others and refused.isdisjoint(one.name for one in others)
 
 
 def test_two_products_come_in_the_order_of_what_each_removes():
