@@ -27,7 +27,8 @@ MIN_GAIN = 20.0  # squares of independent samples that a summand must remove; no
 # Of what is left of that error: what coefficients of each rotor's own must remove, and a further summand of the motors,
 # whose speeds are measured so well that 2 % of the squares, a seventh of the error, is much.
 MIN_SHARE_OF_LEFT = 0.2
-# By which a simpler product may remove less than the best one: of that error, and in squares of independent samples.
+# A product is tied with the best one that removes this share of the error less: where the simplest of these removes too
+# little, the best one is a chance resemblance. Of those within the noise, in independent squares, the simplest joins.
 TIE_SHARE, TIE_GAIN = 0.02, 10.0
 
 
@@ -186,18 +187,18 @@ def _chosen(problem: HalfRegression, known: list[str], refused: frozenset[str]) 
     names = [equation.name_of(problem.side, one) for one in problem.products]
     offered = {j for j, one in enumerate(problem.products) if not _is_alone(one) and names[j] not in refused}
     excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
-    tie = min(TIE_SHARE * excess, TIE_GAIN)
+    tie = TIE_SHARE * excess
     before, shares = [problem.products.index(one) for one in known], {}
     most = MAX_SUMMANDS_OF_VOLTAGE if problem.side == "voltage" else MAX_SUMMANDS
     for _ in range(most - len(before)):
         chosen = [*before, *shares]
         now = problem.lowered(chosen)[0]
         scores = {j: problem.removed([*chosen, j]) for j in problem.independent(chosen) if j in offered}
-        best = _simplest(problem, scores, tie)
+        tied, best = (_simplest(problem, scores, within) for within in (tie, min(tie, TIE_GAIN)))
         least = MIN_REMOVED_SHARE * excess
         if problem.side == "rotor_speed":
             least = min(least, MIN_SHARE_OF_LEFT * (excess - now))
-        if best is None or scores[best] - now < max(least, MIN_GAIN):
+        if best is None or scores[tied] - now < max(least, MIN_GAIN):
             break
         shares = _of_each_rotor(problem, before, shares | {best: scores[best] - now}, best)
     total = float(problem.squares.sum())
