@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from swift_ros.blas_threads import use_one_thread
 from swift_ros.graph.discovery import choose
 from swift_ros.graph.domain import free_domain
 
@@ -20,9 +21,7 @@ DOMAIN, RESERVATION = free_domain()
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 choose("local")
 
-
-# Before any import of NumPy: the two processes share the cores already.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+use_one_thread(os.environ)  # before any import of NumPy: the two processes share the cores already
 
 # Before any import of JAX: trainings run on two devices, as `swiftros train policy` does on two cores.
 os.environ.setdefault("JAX_NUM_CPU_DEVICES", "2")

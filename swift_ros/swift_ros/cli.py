@@ -22,7 +22,7 @@ from collections.abc import Callable
 from importlib.metadata import entry_points, version
 from pathlib import Path
 
-from swift_ros.blas_threads import ONE_THREAD
+from swift_ros.blas_threads import use_one_thread
 from swift_ros.commands import output
 from swift_ros.commands.command_table import COMMANDS
 from swift_ros.errors import DamagedRecording, UsageError
@@ -50,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminate)
-    os.environ |= ONE_THREAD | os.environ  # what the user chose wins
+    use_one_thread(os.environ)
     with output.lasting():
         try:
             with warnings.catch_warnings():

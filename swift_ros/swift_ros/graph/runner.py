@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from swift_ros.blas_threads import ONE_THREAD
+from swift_ros.blas_threads import use_one_thread
 from swift_ros.configuration import prefixes
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import choose
@@ -71,7 +71,8 @@ def executable_path(package: str, executable: str) -> Path:
 
 def environment(domain: int, discovery: str = "local") -> dict[str, str]:
     """Return the environment of child processes: this process's own, with a ROS domain and a range of discovery."""
-    found = ONE_THREAD | dict(os.environ) | {"ROS_DOMAIN_ID": str(domain)}
+    found = dict(os.environ) | {"ROS_DOMAIN_ID": str(domain)}
+    use_one_thread(found)
     choose(discovery, found)
     return found
 

@@ -184,8 +184,8 @@ def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[Level, ...
 
 def _chosen(problem: HalfRegression, known: list[str], refused: frozenset[str]) -> list[Found]:
     """Return the summands of one left side that join the products that are known already; see `search`."""
-    names = [equation.name_of(problem.side, one) for one in problem.products]
-    offered = {j for j, one in enumerate(problem.products) if not _is_alone(one) and names[j] not in refused}
+    offered = {j for j, one in enumerate(problem.products) if equation.name_of(problem.side, one) not in refused}
+    candidates = {j for j in offered if not _is_alone(problem.products[j])}
     excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
     tie = TIE_SHARE * excess
     before, shares = [problem.products.index(one) for one in known], {}
@@ -193,14 +193,14 @@ def _chosen(problem: HalfRegression, known: list[str], refused: frozenset[str]) 
     for _ in range(most - len(before)):
         chosen = [*before, *shares]
         now = problem.lowered(chosen)[0]
-        scores = {j: problem.removed([*chosen, j]) for j in problem.independent(chosen) if j in offered}
+        scores = {j: problem.removed([*chosen, j]) for j in problem.independent(chosen) if j in candidates}
         tied, best = (_simplest(problem, scores, within) for within in (tie, min(tie, TIE_GAIN)))
         least = MIN_REMOVED_SHARE * excess
         if problem.side == "rotor_speed":
             least = min(least, MIN_SHARE_OF_LEFT * (excess - now))
         if best is None or scores[tied] - now < max(least, MIN_GAIN):
             break
-        shares = _of_each_rotor(problem, before, shares | {best: scores[best] - now}, best)
+        shares = _of_each_rotor(problem, before, shares | {best: scores[best] - now}, best, offered)
     total = float(problem.squares.sum())
     return [
         Found(problem.side, problem.products[j], tuple(map(float, problem.ranges[j])), share / total)
@@ -208,13 +208,15 @@ def _chosen(problem: HalfRegression, known: list[str], refused: frozenset[str]) 
     ]
 
 
-def _of_each_rotor(problem: HalfRegression, known: list[int], shares: dict[int, float], j: int) -> dict[int, float]:
+def _of_each_rotor(
+    problem: HalfRegression, known: list[int], shares: dict[int, float], j: int, offered: set[int]
+) -> dict[int, float]:
     """Return the new products with what each removes, product j for each rotor alone if rotors differ clearly in it.
 
     Rotors differ in one product at most: a second one would have as many numbers again.
     """
     alone = [i for i, name in enumerate(problem.products) if _is_alone(name, problem.products[j])]
-    if not alone or any(_is_alone(problem.products[i]) for i in (*known, *shares)):
+    if not alone or not offered.issuperset(alone) or any(_is_alone(problem.products[i]) for i in (*known, *shares)):
         return shares
     others = {i: share for i, share in shares.items() if i != j}
     now = problem.lowered([*known, *shares])[0]

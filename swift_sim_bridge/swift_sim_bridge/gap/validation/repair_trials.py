@@ -217,7 +217,6 @@ class Judge:
         kinds = kinds_without_name(self.found)
         found = polynomial_search.search(self._residuals(repaired), repaired, share, known, at_rotors, refused)
         new = [one for one in found if equation.kind_of(one.side) in kinds and one not in known]
-        new = [one for one in new if one.name not in refused]  # of a rotor alone
         return [*known, *new][:MAX_SUMMANDS]
 
     def with_tested_ranges(self, trial: Trial) -> Trial:
