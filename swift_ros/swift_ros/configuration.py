@@ -16,7 +16,7 @@ import typing
 from pathlib import Path
 
 from swift_ros.errors import UsageError
-from swift_ros.files.yaml_text import FiniteLoader, parse_yaml
+from swift_ros.files.yaml_text import parse_yaml
 from swift_ros.plausibility.finding import IMPOSSIBLE, TOO_LARGE
 from swift_ros.text import described, did_you_mean, excerpt, nearest
 
@@ -71,7 +71,7 @@ def read_yaml(path: str | os.PathLike) -> dict:
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise UsageError(f"{path} is not UTF-8 text at line {line}; save it as UTF-8") from error
-    content = parse_yaml(text, str(path), loader=FiniteLoader)
+    content = parse_yaml(text, str(path), finite=True)
     if content is None:
         raise UsageError(f"{path} is empty; write its keys, or restore the shipped file")
     if not isinstance(content, dict):
