@@ -8,9 +8,12 @@ the repair is reported, has no part in this.
 
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffect
 from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit
+from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.validation.repair_trials import SIMILAR, Judge, Trial, kinds_without_name
 
@@ -96,6 +99,10 @@ def _on_whole_flights(
         for item in unstable:
             stable = judge.without(stable, item)
         return _on_whole_flights(judge, judge.with_more_summands(stable, refused), names, fixed, refused)
+    idle = [one for one in kept if np.array_equal(values[one.effect.key], file_values(one.effect, judge.vehicle))]
+    if idle:
+        # At a bound, beside what else is in the repair: nothing of it is left to repair.
+        kept, left_out = [one for one in kept if one not in idle], (*left_out, *idle)
     if trial.equation:
         whole = judge.with_tested_ranges(whole)
     refitted = (one.fitted_again(values[one.effect.key], covariance[one.effect.key]) for one in kept)

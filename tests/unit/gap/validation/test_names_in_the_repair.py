@@ -59,3 +59,17 @@ def test_a_name_that_resembles_the_unknown_only_in_slow_flight_is_not_in_the_rep
     drag = {"rotor_drag": [6e-5]}
     chosen, _ = repair_of(FlightTable("slow", {**table.channels, "specific_force_body": changed}), drag, withdrawn=True)
     assert not chosen.names and [one.effect.id for one in chosen.left_out] == ["rotor_drag"]
+
+
+def test_a_name_that_comes_back_to_the_file_beside_another_is_not_in_the_repair(monkeypatch):
+    """The air pushes the vehicle on: the least drag is none, as in the file. The weight that was found stays."""
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    table = flight(3, mass=[0.95])
+    q, p, force = (table[name] for name in ("q_world_body", "p_world", "specific_force_body"))
+    v_body = geometry.rotate_inverse(q.values, np.gradient(p.values, p.t, axis=0))
+    pushed = Samples(force.t, force.values + 0.1 * v_body)
+    changed = FlightTable("pushed", {**table.channels, "specific_force_body": pushed})
+    chosen, reported = repair_of(changed, {"mass": [0.95], "linear_drag": [0.1, 0.1, 0.1]}, withdrawn=True)
+    assert [one.effect.id for one in chosen.names] == ["mass"]
+    assert [one.effect.id for one in chosen.left_out] == ["linear_drag"]
+    assert [one.effect.id for one in reported] == ["mass"]
