@@ -28,6 +28,9 @@ POSE_AND_IMU = ("p_world", "q_world_body", "gyro_body", "specific_force_body")
 ITERATIONS = 5  # Gauss-Newton steps at most
 CONVERGED_S = 2e-5  # change of the shift that ends the iteration
 ASYMMETRY_SHARE = 0.05  # of a row: rising and falling commands that are interpolated may differ by as much in time
+# Of a row: delays are seen in whole rows, so that where a common delay is not a whole number of rows, or the commands have
+# another period, some commands seem to come a row later than the others. Their standard deviation is half a row at most.
+JITTER_SHARE = 0.5
 DAMPING = 1e-3  # share of each effect's information that is added to it: keeps effects small that the flight hides
 
 
@@ -103,6 +106,7 @@ def row_bounds(recording: Recording) -> dict[str, np.ndarray]:
     } | of_motors
     bounds, link = {name: np.array([delay_s]) for name, delay_s in delays_s.items()}, recording.command_link
     if link and link.row_s:
+        bounds["command_jitter"] = np.array([JITTER_SHARE * link.row_s])
         bounds["rate_scale"] = np.concatenate([link.scale_error(), command_timing.NEGLIGIBLE[:3]])
     return bounds
 

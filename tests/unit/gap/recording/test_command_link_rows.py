@@ -7,6 +7,7 @@ from rate_loop_flight import GAINS, RATE_HZ, flight, rms, vehicle
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.discovery.equation_search import EquationTerm, is_of_rows
 from swift_sim_bridge.gap.discovery.features import build_features
+from swift_sim_bridge.gap.inference.row_sampling import row_bounds
 from swift_sim_bridge.gap.inference.sensitivity import perturbed_variants
 from swift_sim_bridge.gap.pipeline import hypotheses
 from swift_sim_bridge.gap.recording import command_link, rate_pid
@@ -79,6 +80,18 @@ def test_stamps_that_scatter_lose_no_command(divisor):
     assert found.timing.lost.sum() <= 0.002 * found.timing.distinct.sum()
     found = link(divisor, jitter=0.06, lost=0.1)
     assert found.timing.lost.sum() / found.timing.distinct.sum() == pytest.approx(0.1, abs=0.03)
+
+
+@pytest.mark.parametrize("rows_late", [0.5, 1.5])
+@pytest.mark.parametrize("divisor", [2, 4])
+def test_a_delay_that_is_no_whole_number_of_rows_is_no_jitter(divisor, rows_late):
+    """Of commands with a common delay, some act a row later than others."""
+    recording = read_recording(logged(flight(delay_s=rows_late * divisor / RATE_HZ), divisor), vehicle())
+    (bound_s,) = row_bounds(recording)["command_jitter"]
+    assert recording.command_link.timing.jitter_s < bound_s
+    recording = read_recording(logged(flight(delay_s=0.012, jitter_s=0.006), divisor), vehicle())
+    assert recording.command_link.timing.jitter_s == pytest.approx(0.006, abs=0.0015)
+    assert row_bounds(recording)["command_jitter"] < 0.005
 
 
 @pytest.mark.parametrize("divisor", [2, 4])
