@@ -28,10 +28,10 @@ POSE_AND_IMU = ("p_world", "q_world_body", "gyro_body", "specific_force_body")
 ITERATIONS = 5  # Gauss-Newton steps at most
 CONVERGED_S = 2e-5  # change of the shift that ends the iteration
 ASYMMETRY_SHARE = 0.05  # of a row: rising and falling commands that are interpolated may differ by as much in time
-# Of a row: delays are seen in whole rows, so that where a common delay is not a whole number of rows, or the commands have
-# another period, some commands seem to come a row later than the others. Their standard deviation is half a row at most.
-JITTER_SHARE = 0.5
 DAMPING = 1e-3  # share of each effect's information that is added to it: keeps effects small that the flight hides
+# Of a row. Delays are seen in whole rows: where a common delay is not a whole number of them, or the commands have
+# another period, some commands seem to come a row later than others. Their standard deviation is half a row at most.
+JITTER_SHARE = 0.5
 
 
 def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: tuple[Effect, ...]) -> ResidualModel:
