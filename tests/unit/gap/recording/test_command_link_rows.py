@@ -89,6 +89,10 @@ def test_a_delay_that_is_no_whole_number_of_rows_is_no_jitter(divisor, rows_late
     recording = read_recording(logged(flight(delay_s=rows_late * divisor / RATE_HZ), divisor), vehicle())
     (bound_s,) = row_bounds(recording)["command_jitter"]
     assert recording.command_link.timing.jitter_s < bound_s
+
+
+@pytest.mark.parametrize("divisor", [2, 4])
+def test_a_jitter_of_more_than_half_a_row_shows_in_slower_rows(divisor):
     recording = read_recording(logged(flight(delay_s=0.012, jitter_s=0.006), divisor), vehicle())
     assert recording.command_link.timing.jitter_s == pytest.approx(0.006, abs=0.0015)
     assert row_bounds(recording)["command_jitter"] < 0.005
