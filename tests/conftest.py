@@ -36,9 +36,11 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 def compile_without_optimisation() -> None:
     """Make JAX optimise no code of this process: tests compile more than they compute.
 
-    The simulators that the tests start compute more than they compile. They do not inherit it.
+    A program is compiled as a whole: its parts are for threads that have a core each. The simulators that the tests
+    start compute more than they compile. They do not inherit it.
     """
     flags = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+    flags += " --xla_cpu_parallel_codegen_split_count=1"
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("XLA_FLAGS", flags)
         import jax  # after the variables above

@@ -73,6 +73,8 @@ def hits_in_code(path: str, source: str, retired: tuple[set[str], set[str]]) -> 
     The name of a test is a sentence: words that are retired as names only are allowed in it.
     """
     everywhere, names = retired
+    if (everywhere | names).isdisjoint(parts(source) | parts(Path(path).stem) | letters(source)):
+        return []  # most files: parsing takes long
     tree = ast.parse(source)
     found = [
         Hit(path, line, word, name)
@@ -91,12 +93,19 @@ def hits_in_code(path: str, source: str, retired: tuple[set[str], set[str]]) -> 
 
 def hits_in_text(path: str, text: str, words: set[str], first_line: int = 1) -> list[Hit]:
     """Return the uses of words in a text that begins at a line of a file."""
+    if words.isdisjoint(letters(text)):
+        return []
     pattern = pattern_of(frozenset(words))
     return [
         Hit(path, first_line + number, match[1].lower(), line.strip()[:100])
         for number, line in enumerate(text.splitlines())
         for match in pattern.finditer(ALLOWED_TEXT.sub("", line))
     ]
+
+
+def letters(text: str) -> set[str]:
+    """Return the runs of letters of a text, in lower case."""
+    return set(re.findall("[a-z]+", text.lower()))
 
 
 @cache
@@ -118,9 +127,8 @@ def identifiers(tree: ast.Module) -> set[tuple[str, int]]:
     return found
 
 
-@cache
 def parts(name: str) -> set[str]:
-    """Return the words of an identifier: its parts between underscores and capitals."""
+    """Return the words of an identifier, or of a file of them: the parts between underscores and capitals."""
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
     return {word.lower() for word in words}
 

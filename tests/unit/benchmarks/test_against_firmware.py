@@ -39,6 +39,7 @@ def test_the_delay_of_each_frame_is_found_from_the_motors():
     assert np.sqrt(np.mean((early["multisine"] - late["multisine"]) ** 2)) > 0.01
 
 
+@pytest.mark.slow
 def test_delays_that_change_the_feed_forward_are_found_too():
     # Like a serial task that drifts relative to the frames.
     planted = np.array([1, 9, 1, 2, 9, 9, 1, 34, 2, 2, 3, 3, 11, 3, 3, 3])

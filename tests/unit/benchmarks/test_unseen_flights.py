@@ -22,6 +22,7 @@ def record():
         return unseen_flights.evaluate(5, lambda _: None)
 
 
+@pytest.mark.slow
 def test_a_perfect_diagnosis_predicts_as_the_true_vehicle_and_black_boxes_do_not(record):
     for horizons in record["flights"].values():
         row = horizons["0.5"]
@@ -31,6 +32,7 @@ def test_a_perfect_diagnosis_predicts_as_the_true_vehicle_and_black_boxes_do_not
     assert record["speeds_m_s"]["25 % faster"] == pytest.approx(1.25 * record["speeds_m_s"]["recording"], rel=0.05)
 
 
+@pytest.mark.slow
 def test_ratios_follow_from_the_errors_and_the_smaller_one_decides(record, tmp_path):
     row = {"before": 1.0, "after": 0.01, "with_remainder": 0.01, "knn": 0.3, "gp": 0.25, "true": 0.01}
     records = [record | {"flights": {name: {"0.5": row} for name in unseen_flights.UNSEEN}}] * 2

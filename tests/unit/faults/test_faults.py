@@ -259,6 +259,7 @@ def test_a_batch_continues_and_flies_a_race_again_that_ended_before_its_fault(
     assert refused.problems == ("a node refused its input: no track",)
 
 
+@pytest.mark.slow
 def test_draws_at_the_same_time_have_the_same_endings(flown_folder, tmp_path):
     one, two = batch.Batch(tmp_path, tmp_path, keep=False), batch.Batch(tmp_path, tmp_path, keep=False, jobs=2)
     for seed in (4, 2, 7):

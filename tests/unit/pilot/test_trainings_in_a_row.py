@@ -11,6 +11,7 @@ from swift_sim_bridge.pilot import stages
 from swift_sim_bridge.pilot import train as training
 
 
+@pytest.mark.slow
 def test_trainings_in_a_row_begin_with_the_pilot_before_and_go_on_where_they_stopped(
     tiny_configuration, tmp_path, capsys, monkeypatch
 ):

@@ -29,12 +29,14 @@ def raced() -> dict:
     return dict(zip(worlds, race.race_times(list(worlds.values()), file), strict=True))
 
 
+@pytest.mark.slow
 def test_a_race_is_as_long_as_the_physics_lets_it_be(raced):
     assert 19.0 < raced["file"] < 24.0
     assert raced["weak pack"] > raced["file"] + 0.3
     assert raced["three rotors"] is None
 
 
+@pytest.mark.slow
 def test_an_equation_that_is_the_concealed_law_gives_the_race_of_the_concealed_world(raced):
     assert abs(raced["law"] - raced["file"]) > 0.05
     assert raced["repaired"] == pytest.approx(raced["law"], abs=0.011)

@@ -139,6 +139,7 @@ def test_the_same_seed_gives_the_same_images(repository, camera, track):
     assert not np.array_equal(first, other)
 
 
+@pytest.mark.slow
 def test_an_image_does_not_depend_on_the_number_of_its_rays(camera, track):
     narrower = [replace(camera, cx=190.8, cy=191.1, image_circle_deg=163.0 - cut) for cut in (0.0, 0.4, 0.8, 1.2)]
     stack = np.full((1, textures.SIDE, textures.SIDE), 128, np.uint8)

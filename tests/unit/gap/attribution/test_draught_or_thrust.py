@@ -37,5 +37,6 @@ def test_a_gain_of_thrust_over_a_pad_is_not_certainly_a_draught():
     assert may_be_thrust(flight(6, equation={"rotor_thrust": {pad: {"coefficient": 0.15, "range": [0.0, 50.0]}}}))
 
 
+@pytest.mark.slow
 def test_a_draught_is_not_a_gain_of_thrust():
     assert not may_be_thrust(flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *place(), RADIUS_M])))

@@ -52,6 +52,7 @@ def test_a_mass_is_found_with_its_size():
     assert "mass" in names, found
 
 
+@pytest.mark.slow
 def test_a_drag_is_found_with_its_size():
     found = findings(seed=4, linear_drag=[0.2, 0.3, 0.1])
     assert set(found) == {"linear_drag"}, found

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import jax
 import numpy as np
+import pytest
 from lissajous_flight import REFERENCE_FLIGHTS, flight, vehicle
 
 from swift_ros.recording.flight_table import FlightTable, Samples
@@ -17,6 +18,7 @@ from swift_sim_bridge.gap.validation import repair_trials, unseen_errors
 LIFT_M_S2, RADIUS_M = 4.0, 1.5
 
 
+@pytest.mark.slow
 def test_a_place_that_the_judging_part_does_not_pass_is_in_the_repair(monkeypatch):
     monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     table = flight(3)
