@@ -110,6 +110,11 @@ class ResidualModel:
         """Return the residuals (m, c) for one vehicle."""
         return self.residuals(Variants((vehicle,), ("",)))[0]
 
+    def rotor_speed(self, vehicle: Vehicle) -> np.ndarray:
+        """Return the rotor speeds (n, r) rad/s of one vehicle: as measured, or driven by the recorded commands."""
+        found = self._rotor_speeds(Variants((self._with_flight_effects(vehicle),), ("",)))
+        return found.reshape(found.shape[-2:])
+
     def residuals(self, variants: Variants) -> np.ndarray:
         """Return the residuals (b, m, c) for b variants. A variant shares with the first what it does not change."""
         if self.flight_effects:

@@ -75,7 +75,7 @@ def compared(learned: list[Part], before: Vehicle, after: Vehicle, same_flights:
     if not have_forces(learned):
         return Compared(vehicles, ())
     nominal, repaired = (
-        [Samples(_inputs(part, before), force_residuals(part, vehicle)) for part in learned]
+        [Samples(_inputs(part, vehicle), force_residuals(part, vehicle)) for part in learned]
         for vehicle in (before, after)
     )
     process, (remainder, kinds) = run_in_threads(
@@ -89,11 +89,14 @@ def compared(learned: list[Part], before: Vehicle, after: Vehicle, same_flights:
 def force_errors(part: Part, models: Compared) -> np.ndarray:
     """Return the errors (5, k, 3) m/s^2 of MODELS in the specific forces of a part of a recording."""
     before, after, *_ = models.vehicles
-    inputs = _inputs(part, before)
-    nominal, repaired = (force_residuals(part, vehicle) for vehicle in (before, after))
+    nominal, repaired = (Samples(_inputs(part, one), force_residuals(part, one)) for one in (before, after))
     left = (nominal, repaired, repaired, nominal, nominal)
-    predicted = (np.asarray(black_box_force(box, inputs)) for box in models.boxes)
-    return np.stack([residual - force for residual, force in zip(left, predicted, strict=True)])
+    return np.stack(
+        [
+            one.targets - np.asarray(black_box_force(box, one.inputs))
+            for one, box in zip(left, models.boxes, strict=True)
+        ]
+    )
 
 
 def fit_remainder(flights: list[Samples], same_flights: bool) -> tuple[BlackBox, dict[str, str]]:
@@ -184,12 +187,10 @@ def _knn_box(samples: Samples) -> BlackBox:
 
 
 def _inputs(part: Part, vehicle: Vehicle) -> np.ndarray:
-    """Return the inputs (k, 7) of a black box at each residual of a part, see `rollout.black_box_inputs`."""
+    """Return the inputs (k, 7) of a vehicle's black box at each residual of a part, see `rollout.black_box_inputs`."""
     recording, rows = part.residual_model.recording, part.residual_model.filter.rows[part.rows]
-    q, v, gyro, speed = (
-        values[rows]
-        for values in (recording.q_world_body, recording.v_world, recording.gyro_body, recording.rotor_speed)
-    )
+    measured = recording.q_world_body, recording.v_world, recording.gyro_body
+    q, v, gyro, speed = (values[rows] for values in (*measured, part.residual_model.rotor_speed(vehicle)))
     return black_box_inputs(geometry.rotate_inverse(q, v), gyro, speed, vehicle)
 
 

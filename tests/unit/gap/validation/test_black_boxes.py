@@ -7,16 +7,19 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
-from lissajous_flight import flight, vehicle
+from lissajous_flight import STEP_S, flight, vehicle
 
+from swift_ros.recording.flight_table import RowSampling
 from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import inject
+from swift_sim_bridge.gap.nominal.rotor_speed_model import with_modelled_rotor_speeds
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.rollout import black_box_force
 from swift_sim_bridge.gap.validation import holdout
-from swift_sim_bridge.gap.validation.black_boxes import MODELS, Samples, fit_remainder
+from swift_sim_bridge.gap.validation.black_boxes import MODELS, Samples, compared, fit_remainder
+from swift_sim_bridge.gap.validation.parts import whole
 
 DRAG = 6e-5  # N/(rad/s m/s), of a rotor
 NOISE = 0.1  # m/s^2
@@ -127,6 +130,28 @@ def repaired() -> tuple:
     """Return the drag, and the vehicle that has it."""
     drag = next(one for one in catalogue(vehicle()) if one.id == "rotor_drag")
     return drag, inject(vehicle(), drag, [DRAG])
+
+
+def test_the_remainder_learns_from_the_thrust_of_the_repaired_vehicle_which_rollouts_give_it():
+    learned = strange_flight(3)[1]
+    stronger = replace(vehicle(), thrust_coefficient=1.2 * vehicle().thrust_coefficient)
+    with jax.enable_x64(True):
+        _, _, remainder, _, alone = compared([whole(learned)], vehicle(), stronger, same_flights=True).boxes
+    thrust, of_file = ((box.inputs * box.scale)[:, 6] for box in (remainder, alone))
+    np.testing.assert_allclose(thrust, 1.2 * of_file)
+    np.testing.assert_array_equal(learned.rotor_speed(stronger), learned.recording.rotor_speed)
+
+
+def test_motors_that_commands_drive_have_the_speeds_of_the_vehicle_that_is_compared():
+    table = flight(3)
+    kept = {name: table[name] for name in ("p_world", "q_world_body", "motor_command")}
+    table = replace(table, channels=kept, sampling={"motor_command": RowSampling("held", loop_hz=1.0 / STEP_S)})
+    slower = replace(vehicle(), motor=replace(vehicle().motor, time_constant_up=0.2, time_constant_down=0.2))
+    with jax.enable_x64(True):
+        model = ResidualModel(read_recording(with_modelled_rotor_speeds(table, vehicle()), vehicle()))
+        of_file, of_slower = (model.rotor_speed(one) for one in (vehicle(), slower))
+    np.testing.assert_allclose(of_file, model.recording.rotor_speed, rtol=1e-3)
+    assert np.std(np.diff(of_slower, axis=0)) < 0.5 * np.std(np.diff(of_file, axis=0))
 
 
 @pytest.mark.slow
