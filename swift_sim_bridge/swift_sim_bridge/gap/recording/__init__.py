@@ -9,6 +9,7 @@ command_link        commands as sent and as received
 betaflight_log      log and replay of Betaflight's rate loop
 gate_observations   gates in images, associated with the gates of the map
 flight_phase        the samples in which the vehicle flies
+rotor_moments       whether the rotors turn the vehicle the way its file says
 consistency         contradictions among channels, and the mistake that explains each
 recording           all of it on one time grid
 """

@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from swift_ros import geometry
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.gap.recording import rotor_moments
 from swift_sim_bridge.gap.recording.betaflight_log import AXES
 
 SMOOTH_S = 0.1  # standard deviation of the Gaussian filter before a position is differentiated
@@ -42,7 +43,8 @@ def contradiction(table: FlightTable, recording, vehicle: Vehicle) -> str | None
     Returns:
         None where the channels agree.
     """
-    tests = _gyro, _accelerometer_direction, _acceleration, _velocity, _gyro_axes, _thrust, _battery, _mixer
+    motion = _gyro, _accelerometer_direction, _acceleration, _velocity, _gyro_axes
+    tests = *motion, _thrust, _battery, _mixer, rotor_moments.contradiction
     return next(filter(None, (test(recording, vehicle) for test in tests)), None) or _commanded_rates(table)
 
 
