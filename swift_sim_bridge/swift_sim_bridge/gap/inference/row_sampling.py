@@ -3,12 +3,19 @@
 They are fitted together with the effects of the motors, so that a motor's lag is not taken for a shift of the commands.
 Their remaining uncertainty enters the covariance of the residuals: directions that a nuisance parameter could explain
 as well count as little as they are known.
+
+Commands in slow rows may show little of what the motors did: noise of the gyro and answers to disturbances come and go
+between two rows, and what a rate loop answers is opposed to what it causes. A regression on such commands gives too
+small a moment for every change of a command, which would be taken for a heavier vehicle or for weaker motors. The size
+of the moments is known as far as the commands explain the rotation.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from swift_ros.recording.checks import Rejection
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.injection import file_values, inject
@@ -22,8 +29,10 @@ from swift_sim_bridge.gap.inference.sensitivity import (
 )
 from swift_sim_bridge.gap.recording import command_timing
 from swift_sim_bridge.gap.recording.recording import Recording
+from swift_sim_bridge.gap.residuals.channels import AXES
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
+LAGS = "motor_time_constant", "motor_asymmetry"
 POSE_AND_IMU = ("p_world", "q_world_body", "gyro_body", "specific_force_body")
 ITERATIONS = 5  # Gauss-Newton steps at most
 CONVERGED_S = 2e-5  # change of the shift that ends the iteration
@@ -40,31 +49,36 @@ def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: t
     Args:
         residual_model: of one recording; returned unchanged where every command was recorded.
         vehicle: the vehicle as its file describes it.
-        effects: effects of the search; those of the motors are fitted together with the rows.
+        effects: effects of the search; those that the commands show are fitted together with the rows.
     """
-    rows, columns = residual_model.command_rows, residual_model.columns.get("rotors")
-    if rows is None or columns is None or not any(rows.sigma):
+    rows, columns = residual_model.command_rows, residual_model.driven_columns
+    if rows is None or not any(rows.sigma):
         return residual_model
-    motor = tuple(effect for effect in effects if effect.layer == "motor")
-    size, first, sigma = parameter_steps(motor), rows, np.array(rows.sigma)
+    if residual_model.recording.driven:  # without rotor speeds a lag of less than a row is a shift
+        beside = tuple(one for one in effects if one.layer in ("motor", "force", "moment") and one.id not in LAGS)
+    else:
+        beside = tuple(one for one in effects if one.layer == "motor")
+    size, first, sigma = parameter_steps(beside), rows, np.array(rows.sigma)
     for _ in range(ITERATIONS):
         now = residual_model.command_rows
-        line = linearise(residual_model, perturbed_variants(vehicle, motor, central=False), marginal=False)
-        residual, x = line.residual[:, columns].ravel(), _flat(line.sensitivity[:, :, columns])
-        scale = float(nuisance.step_noise(line.residual[:, columns], line.good).mean())
+        line = linearise(residual_model, perturbed_variants(vehicle, beside, central=False), marginal=False)
+        noise = nuisance.step_noise(line.residual[:, columns], line.good)
+        if not residual_model.recording.driven:
+            noise = np.full(len(columns), noise.mean())
+        weight = np.where(residual_model.judged[:, columns], 1.0 / noise, 0.0)
+        residual, x = (line.residual[:, columns] * weight).ravel(), _flat(line.sensitivity[:, :, columns] * weight)
         shown = np.any(x != 0, axis=1)
-        of_rows = residual_model.nuisance(vehicle)[-len(sigma) :, :, columns] * now.speed_noise
-        x = np.concatenate([x[shown], _flat(of_rows)]) / scale
+        x = np.concatenate([x[shown], _flat(residual_model.row_sensitivity(vehicle) * weight)])
         effect, row = slice(0, np.count_nonzero(shown)), slice(np.count_nonzero(shown), None)
         prior, offset = np.ones(len(x)), np.zeros(len(x))
         prior[effect] = DAMPING * np.einsum("ij,ij->i", x[effect], x[effect])
         offset[row] = (now.nuisances - first.nuisances) / np.where(sigma > 0, sigma, np.inf)
-        step = -solve(x @ x.T + np.diag(prior), x @ residual / scale + prior * offset)
-        vehicle = _moved(vehicle, motor, size, _spread(step[effect], shown))
+        step = -solve(x @ x.T + np.diag(prior), x @ residual + prior * offset)
+        vehicle = _moved(vehicle, beside, size, _spread(step[effect], shown))
         moved = step[row] * sigma
         before_s = now.shift_s - first.shift_s
         moved[0] = np.clip(before_s + moved[0], -rows.interval_s, rows.interval_s) - before_s
-        residual_model = residual_model.with_command_rows(replace(now.moved(*moved), speed_noise=scale))
+        residual_model = residual_model.with_command_rows(replace(now.moved(*moved), noise=noise))
         if abs(moved[0]) < CONVERGED_S:
             break
     return residual_model
@@ -93,17 +107,51 @@ def _moved(vehicle: Vehicle, effects, size, step) -> Vehicle:
     return vehicle
 
 
+def with_moment_spread(
+    residual_model: ResidualModel, vehicle: Vehicle, progress: Callable[[str], None]
+) -> ResidualModel:
+    """Return the residual model with the spread of the moments' size about each axis.
+
+    It is the share of the rotation that the commands do not explain: a regression of rotations on commands and one of
+    commands on rotations give sizes that differ by this share, and the true one lies between them.
+
+    Args:
+        residual_model: of one recording; returned unchanged where the rotor speeds are not those under slow commands.
+        vehicle: the vehicle as its file describes it.
+        progress: called with a line about axes whose moments are left out.
+    """
+    recording, good = residual_model.recording, residual_model.good
+    slow = recording.driven and residual_model.command_rows
+    if not slow or "moment" not in residual_model.groups or not good.any():
+        return residual_model
+    turn = residual_model.modelled_turn(vehicle)[good]
+    measured = turn + residual_model.residual(vehicle)[good][:, residual_model.columns["moment"]]
+    explained = [float(np.corrcoef(*pair)[0, 1] ** 2) for pair in zip(turn.T, measured.T, strict=True)]
+    found = replace(residual_model, moment_spread=tuple(1.0 - share for share in explained))
+    left_out = [axis for axis, judged in enumerate(found.judged[good][0, found.columns["moment"]]) if not judged]
+    if not left_out:
+        return found
+    rejection = Rejection(
+        float(recording.t[0]),
+        float(recording.t[-1]),
+        f"size of the rotors' moments about {', '.join(AXES[axis] for axis in left_out)}",
+        f"the motor commands explain {', '.join(f'{explained[axis]:.0%}' for axis in left_out)} of the rotation",
+    )
+    progress(f"{recording.name}: left out {rejection.channel}: {rejection.reason}")
+    return replace(found, recording=replace(recording, rejections=(*recording.rejections, rejection)))
+
+
 def row_bounds(recording: Recording) -> dict[str, np.ndarray]:
     """Return by effect the change of its parameters (k,) below which it may be what the rows leave open."""
     rows_s = recording.undeclared_rows_s
     pose_and_imu = max((rows_s.get(name, 0.0) for name in POSE_AND_IMU), default=0.0)
     commands = rows_s.get("motor_command", 0.0)
-    of_motors = {"motor_time_constant": commands} if recording.driven else {}  # rotor speeds would show the shift
+    lags = LAGS if recording.driven else ()  # rotor speeds would show the shift
     delays_s = {
         "time_offset": 0.5 * pose_and_imu,
         "command_latency": commands,
         "motor_asymmetry": ASYMMETRY_SHARE * commands,
-    } | of_motors
+    } | dict.fromkeys(lags, commands)
     bounds, link = {name: np.array([delay_s]) for name, delay_s in delays_s.items()}, recording.command_link
     if link and link.row_s:
         bounds["command_jitter"] = np.array([JITTER_SHARE * link.row_s])

@@ -17,7 +17,12 @@ from swift_sim_bridge.gap.attribution.gauss_newton import with_effects
 from swift_sim_bridge.gap.discovery import feature_library, features
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
-from swift_sim_bridge.gap.inference.row_sampling import row_bounds, with_fitted_rows, with_row_bounds
+from swift_sim_bridge.gap.inference.row_sampling import (
+    row_bounds,
+    with_fitted_rows,
+    with_moment_spread,
+    with_row_bounds,
+)
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation, LinearisationCache, linearise, noise_floor
 from swift_sim_bridge.gap.nominal import (
     phase_surrogates,
@@ -144,8 +149,15 @@ def prepare_again(
     if [(one.key, len(one.parameters)) for one in hypotheses.effects] != known:
         return prepare_evidence(recordings, vehicle, options, prior)
     residual_models = tuple(
-        with_rows(one, table, vehicle, hypotheses.effects, prior.firmware, options.progress)
-        for one, table in zip(residual_models, recordings, strict=True)
+        with_rows(
+            replace(one, moment_spread=before.moment_spread),  # as in the reference flights
+            table,
+            vehicle,
+            hypotheses.effects,
+            prior.firmware,
+            options.progress,
+        )
+        for one, before, table in zip(residual_models, evidence.residual_models, recordings, strict=True)
     )
     return replace(
         evidence,
@@ -166,7 +178,8 @@ def _residual_models(
         for table in recordings
     ]
     own_effects = prior.own_effects or [()] * len(read)
-    return in_common([ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)], options.progress)
+    found = in_common([ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)], options.progress)
+    return [with_moment_spread(one, vehicle, options.progress) for one in found]
 
 
 def _hypotheses(residual_models: list[ResidualModel], vehicle: Vehicle, options: Options, prior: Prior) -> Hypotheses:

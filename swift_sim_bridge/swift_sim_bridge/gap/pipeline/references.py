@@ -138,16 +138,17 @@ def measured_references(
 def _reference_model(table: FlightTable, vehicle: Vehicle, recorded: ResidualModel) -> ResidualModel:
     """Return the residual model of a reference flight, with the residuals that the recording has.
 
-    Its rows of motor commands are as uncertain as those of the recording.
+    Its rows of motor commands are as uncertain as those of the recording, and so are its moments.
     """
     found = ResidualModel(
         read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, simulated=True),
         excluded_groups=recorded.excluded_groups,
+        moment_spread=recorded.moment_spread,
     )
     if recorded.command_rows is None:
         return found
     rows, known = found.command_rows or command_rows.of_held(table["motor_command"]), recorded.command_rows
-    rows = replace(rows, sigma=(*known.sigma[:2], 0.0), speed_noise=known.speed_noise)
+    rows = replace(rows, sigma=(*known.sigma[:2], 0.0), noise=known.noise)
     return found.with_command_rows(rows)
 
 

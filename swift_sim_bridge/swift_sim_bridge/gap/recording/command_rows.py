@@ -43,7 +43,7 @@ class CommandRows:
         bend_s2: weight of the second derivative.
         sent_shift_s: time by which the part `sent` acts later than that.
         sigma: standard deviations of these three before the recording is seen; zero where they are known.
-        speed_noise: noise of the rotor speeds' residuals, rad/s, with which these are compared.
+        noise: noise of the residuals that depend on the commands, (k,) or one for all, with which these are compared.
         sent: (n, r) the part of the values that follows the commanded rates and thrust; None where each of these has a
             row of its own.
     """
@@ -53,7 +53,7 @@ class CommandRows:
     bend_s2: float = 0.0
     sent_shift_s: float = 0.0
     sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    speed_noise: float = 1.0
+    noise: np.ndarray | float = 1.0
     sent: np.ndarray | None = None
 
     @property

@@ -41,7 +41,8 @@ DEPENDS_ON = {  # by quantity or layer of a residual: the channels that may begi
 }
 
 
-UNLIMITED = 1e6  # standard deviations of the noise, per V: a nuisance that the residuals do not limit
+MAX_JUDGED_SPREAD = 0.1  # of the size of moments that count for or against a repair
+UNLIMITED = 1e6  # standard deviations of the noise: a nuisance that the residuals do not limit
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,14 @@ class ResidualModel:
         recording: the recording.
         flight_effects: effects with their values that the vehicle had in this recording alone.
         excluded_groups: groups of channels that are not compared.
+        moment_spread: (3,) standard deviation of the relative size of the rotors' moments about each axis; empty where
+            it is that of the vehicle (see `inference.row_sampling`).
     """
 
     recording: Recording
     flight_effects: tuple[tuple[Effect, np.ndarray], ...] = ()
     excluded_groups: frozenset[str] = frozenset()
+    moment_spread: tuple[float, ...] = ()
 
     @cached_property
     def filter(self) -> Filter:
@@ -102,6 +106,14 @@ class ResidualModel:
         return found
 
     @cached_property
+    def judged(self) -> np.ndarray:
+        """Where (m, c) a residual counts for or against a repair: where it exists, but for moments of open size."""
+        found = self.measured.copy()
+        if self.moment_spread:
+            found[:, self.columns["moment"]] &= np.array(self.moment_spread) < MAX_JUDGED_SPREAD
+        return found
+
+    @cached_property
     def compared_gates(self) -> camera.ComparedGates:
         """The gate observations that are compared."""
         return camera.compared_gates(self.recording, self.t)
@@ -133,32 +145,50 @@ class ResidualModel:
     @property
     def command_rows(self) -> CommandRows | None:
         """The motor commands, where their rows are slower than the loop."""
-        record = self.recording.motor_record
-        return record.rows if record is not None and "rotors" in self.groups else None
+        record = self.recording.driven or self.recording.motor_record
+        return record.rows if record is not None and len(self.driven_columns) else None
+
+    @cached_property
+    def driven_columns(self) -> np.ndarray:
+        """The channels (k,) whose residuals depend on what motor commands did between their rows."""
+        groups = ("force", "moment") if self.recording.driven else ("rotors",)
+        ranges = [np.r_[self.columns[name]] for name in groups if name in self.columns]
+        return np.concatenate([np.array([], int), *ranges])
 
     def with_command_rows(self, rows: CommandRows) -> "ResidualModel":
         """Return the residual model with other motor commands between the rows."""
-        record = replace(self.recording.motor_record, rows=rows)
-        return replace(self, recording=replace(self.recording, motor_record=record))
+        return replace(self, recording=self.recording.with_rows(rows))
+
+    def row_sensitivity(self, vehicle: Vehicle) -> np.ndarray:
+        """Return the change (3, m, k) of the residuals in `driven_columns` per standard deviation of the rows."""
+        rows = self.command_rows
+        if not self.recording.driven:
+            parameters = physics_replay.stack_parameters([self._with_flight_effects(vehicle)])
+            return propulsion.row_sensitivity(self.recording, self.filter, parameters)
+        found = np.zeros((len(rows.sigma), len(self.t), len(self.driven_columns)))
+        for i in np.flatnonzero(rows.sigma):
+            step = np.zeros(len(found))
+            step[i] = propulsion.NUISANCE_STEPS[i]
+            later, earlier = (self.with_command_rows(rows.moved(*one)).residual(vehicle) for one in (step, -step))
+            found[i] = rows.sigma[i] * (later - earlier)[:, self.driven_columns] / (2.0 * step[i])
+        return found
 
     def nuisance(self, vehicle: Vehicle) -> np.ndarray:
         """Return the change (k, m, c) of the residuals per standard deviation of k nuisance parameters, over the noise.
 
-        The parameters are those of motor commands in slow rows, last, the times of commands and gyro in these rows,
-        and the state of the battery at the first row, whose variance is unlimited.
+        The parameters are those of motor commands in slow rows, the size of the moments under these, the times of
+        commands and gyro in these rows, and, of unlimited variance, the state of the battery at the first row.
         """
         found = [self._of_commands]
+        if self.moment_spread:
+            found.append(self._of_moments(vehicle))
         if "pack" in self.groups:
             change = propulsion.pack_start_sensitivity(self.recording, self.filter, self._with_flight_effects(vehicle))
             of_pack = np.zeros((*change.shape, len(self.channels)))
             of_pack[:, :, self.columns["pack"].start] = UNLIMITED * change
             found.append(of_pack)
         if self.command_rows is not None:
-            parameters = physics_replay.stack_parameters([self._with_flight_effects(vehicle)])
-            of_rows = np.zeros((3, len(self.t), len(self.channels)))
-            change = propulsion.row_sensitivity(self.recording, self.filter, parameters)
-            of_rows[:, :, self.columns["rotors"]] = change / self.command_rows.speed_noise
-            found.append(of_rows)
+            found.append(self._of_rows(vehicle))
         total = np.concatenate(found)
         for i, rows in self._gaps.items():
             total[:, rows, i] = 0.0
@@ -176,6 +206,36 @@ class ResidualModel:
             floor = [channel.negligible for channel in self.groups["command"]]
             change = commands.timing_sensitivity(self.recording, self.filter)
             found[:, :, columns] = change / np.maximum(noise, floor)
+        return found
+
+    def modelled_turn(self, vehicle: Vehicle) -> np.ndarray:
+        """Return the angular acceleration (m, 3) rad/s^2 that rotors give one vehicle, filtered as the measured one."""
+        variants = Variants((self._with_flight_effects(vehicle),), ("",))
+        corrected = correct(self.recording, variants.sensors[0])
+        kinematics = compute_kinematics(self.recording, corrected, self.filter)
+        parameters, speeds = variants.parameters("motion", "motor"), self._rotor_speeds(variants)
+        wrench = rigid_body.modelled_wrench(self.recording, kinematics, parameters, speeds)
+        return rigid_body.filtered_turn(self.recording, self.filter, wrench)[0]
+
+    def _of_rows(self, vehicle: Vehicle) -> np.ndarray:
+        """The change (k, m, c) per standard deviation of the rows' parameters, over the noise.
+
+        Forces and moments have different noise. Each has parameters of its own, which leaves more open than one set.
+        """
+        change, columns = self.row_sensitivity(vehicle) / self.command_rows.noise, self.driven_columns
+        alone = columns[:, None] if self.recording.driven else columns[None]
+        found = np.zeros((len(alone), len(change), len(self.t), len(self.channels)))
+        for own, of_own in zip(alone, found, strict=True):
+            of_own[:, :, own] = change[:, :, np.searchsorted(columns, own)]
+        return found.reshape(-1, *found.shape[2:])
+
+    def _of_moments(self, vehicle: Vehicle) -> np.ndarray:
+        """The change (3, m, c) per standard deviation of the size of the moments, over the noise."""
+        turn, columns = self.modelled_turn(vehicle), np.r_[self.columns["moment"]]
+        noise = np.broadcast_to(self.command_rows.noise, len(self.driven_columns))
+        varying = np.where(self.good[:, None], turn - turn[self.good].mean(axis=0), 0.0) * self.moment_spread
+        found = np.zeros((len(columns), len(self.t), len(self.channels)))
+        found[np.arange(len(columns)), :, columns] = (varying / noise[np.searchsorted(self.driven_columns, columns)]).T
         return found
 
     def _with_flight_effects(self, vehicle: Vehicle) -> Vehicle:

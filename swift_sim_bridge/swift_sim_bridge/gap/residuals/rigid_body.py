@@ -95,10 +95,15 @@ def wrench_residuals(
     """
     found = accelerometer_residuals(recording, low, kinematics, wrench, terms)
     if recording.has("single_rotor_speeds"):
-        smooth = low.smooth if recording.gyro_measured else low.smooth_twice  # rates of the attitude are means
-        found["moment"] = kinematics.turn_acceleration - apply_to_batch(smooth, wrench.turn_acceleration)
+        found["moment"] = kinematics.turn_acceleration - filtered_turn(recording, low, wrench)
     found["gyro"] = kinematics.rate_difference[None]
     return found
+
+
+def filtered_turn(recording: Recording, low: Filter, wrench: Wrench) -> np.ndarray:
+    """Return the angular acceleration (b, m, 3) rad/s^2 of b variants, filtered as the measured one."""
+    smooth = low.smooth if recording.gyro_measured else low.smooth_twice  # rates of the attitude are means
+    return apply_to_batch(smooth, wrench.turn_acceleration)
 
 
 def accelerometer_residuals(
