@@ -18,7 +18,7 @@ from swift_sim_bridge.referee.concealment import (
 )
 from swift_sim_bridge.referee.effects.catalogue import EFFECTS
 from swift_sim_bridge.referee.effects.laws import RELATED
-from swift_sim_bridge.referee.families import FAMILIES, draw_effects
+from swift_sim_bridge.referee.families import CHANGED, FAMILIES, draw_effects
 from swift_sim_bridge.referee.simulator import foreign_logger, instruments, paths, vehicles
 from swift_sim_bridge.referee.simulator.flight import Order, Truth
 from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY, without_battery
@@ -119,7 +119,7 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     path = _path(rng, nominal, kind, family)
     true, hidden = hide_all(nominal, chosen, rng, path)
     notes = {"path": kind}
-    if family == "pose_commands":
+    if family in CHANGED:
         true, one, notes["change"] = with_change(true, seed, rng, for_rotorpy)
         hidden.append(one)
     if family in ("null_sheet", "sheet"):

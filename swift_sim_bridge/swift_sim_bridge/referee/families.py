@@ -28,7 +28,10 @@ FAMILIES = {
     "far": "a file in which a motor lag, a drag or the pack's resistance is wrong by a factor of 3, 10 or 30",
     "strange_blind": "physics that no effect names, by an author who had not read the tool; each law in turn",
     "strange_race": "the laws of both in turn, in a vehicle that races in the concealed and in the repaired world",
+    "null_foreign_pose_commands": "no effect, in a recording of pose and motor commands by a foreign logger",
+    "foreign_pose_commands": "one change of `pose_commands`, recorded likewise",
 }
+CHANGED = "pose_commands", "foreign_pose_commands"  # families with one of `concealment.CHANGES`
 STRANGE_FAMILIES = ("strange", "strange_blind", "strange_race")
 CONFUSABLE = (
     ("mass", "thrust_coefficient", "accel_scale"),
@@ -63,7 +66,7 @@ def draw_effects(family: str, seed: int, rng, known) -> list[tuple[str, float]]:
         rng: generator of the case.
         known: the effects of which the hidden ones are drawn.
     """
-    if family.startswith("null") or family in ("pose_commands", "far"):
+    if family.startswith("null") or family in (*CHANGED, "far"):
         return []
     if family in ("confusable", "poor"):
         groups = [[name for name in group if name in known] for group in CONFUSABLE]

@@ -13,7 +13,7 @@ from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY
 
 GENERATORS = ("own", "rotorpy")
 FOREIGN = ("null_foreign", "foreign", "foreign_pair")
-POSE_COMMANDS = ("null_pose_commands", "pose_commands")
+POSE_COMMANDS = "null_pose_commands", "pose_commands", "null_foreign_pose_commands", "foreign_pose_commands"
 FAMILIES_OF = {
     "own": tuple(FAMILIES),
     "rotorpy": ("null", "null_sheet", "single", "pair", "confusable", "knockout", *FOREIGN, *POSE_COMMANDS, "far"),

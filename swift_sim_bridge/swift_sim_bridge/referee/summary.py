@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_sim_bridge.referee.effects.catalogue import EFFECTS
-from swift_sim_bridge.referee.families import STRANGE_FAMILIES
+from swift_sim_bridge.referee.families import CHANGED, STRANGE_FAMILIES
 from swift_sim_bridge.referee.scoring import NO_ANSWER, same_effects
 
 MIN_RATIO = 3.0  # size relative to the detectable size from which on an estimate counts for the parameter errors
@@ -132,14 +132,14 @@ METRICS = (
         "pose and commands: exact name or set that holds it",
         lambda r: r["honest"],
         {"own": 0.9, "rotorpy": 0.9},
-        families=("pose_commands",),
+        families=CHANGED,
     ),
     Metric(
         "pose and commands: nothing left out",
         lambda r: r["verdict"] == "nothing_left_out",
         {"own": 0.0, "rotorpy": 0.0},
         at_most=True,
-        families=("pose_commands",),
+        families=CHANGED,
     ),
     Metric("far: exact name", lambda r: r["exact"], {"own": 0.9, "rotorpy": 0.9}, families=("far",)),
     Metric("far: exact name, and each value within 5 %", lambda r: r["exact"] and _accurate(r), {}, families=("far",)),

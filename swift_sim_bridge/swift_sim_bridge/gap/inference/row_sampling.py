@@ -65,7 +65,7 @@ def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: t
         noise = nuisance.step_noise(line.residual[:, columns], line.good)
         if not residual_model.recording.driven:
             noise = np.full(len(columns), noise.mean())
-        weight = np.where(residual_model.judged[:, columns], 1.0 / noise, 0.0)
+        weight = np.where(residual_model.counted[:, columns], 1.0 / noise, 0.0)
         residual, x = (line.residual[:, columns] * weight).ravel(), _flat(line.sensitivity[:, :, columns] * weight)
         shown = np.any(x != 0, axis=1)
         x = np.concatenate([x[shown], _flat(residual_model.row_sensitivity(vehicle) * weight)])
@@ -128,7 +128,7 @@ def with_moment_spread(
     measured = turn + residual_model.residual(vehicle)[good][:, residual_model.columns["moment"]]
     explained = [float(np.corrcoef(*pair)[0, 1] ** 2) for pair in zip(turn.T, measured.T, strict=True)]
     found = replace(residual_model, moment_spread=tuple(1.0 - share for share in explained))
-    left_out = [axis for axis, judged in enumerate(found.judged[good][0, found.columns["moment"]]) if not judged]
+    left_out = [axis for axis, counts in enumerate(found.counted[good][0, found.columns["moment"]]) if not counts]
     if not left_out:
         return found
     rejection = Rejection(

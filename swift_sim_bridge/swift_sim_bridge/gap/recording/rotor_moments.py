@@ -1,8 +1,9 @@
 """Whether the rotors turn the vehicle the way its file says: their moments beside the angular acceleration.
 
 A rotor in another place of the file, or a propeller that spins the other way, turns the sign of a moment. No parameter
-of the vehicle does. A rate loop that answers disturbances, late as it is, does not turn it either: only an axis is
-against the file whose moments and accelerations are opposed at all short delays.
+of the vehicle does. A rate loop that answers disturbances, late as it is, does not turn it either, nor do rotors whose
+own acceleration yaws the vehicle more than their drag: only an axis is against the file whose moments and accelerations
+are opposed at all short delays.
 """
 
 from itertools import permutations
@@ -15,11 +16,12 @@ from swift_ros.vehicle import Vehicle
 
 BAND_HZ = 1.0, 12.0  # of the rotations that are compared: above trim and slow disturbances, below noise
 MIN_RATE_HZ = 30.0  # of the recording
-MAX_DELAY_S, DELAY_STEP_S = 0.06, 0.01  # between moment and acceleration: lag, filters, recording
+MAX_DELAY_S, DELAY_STEP_S = 0.06, 0.01  # between the moment of commands and the acceleration; measured speeds have none
 MIN_CORRELATION = 0.3  # of moment and acceleration, from which their sign is certain
 MIN_DEVIATIONS = 5.0  # the same in standard deviations of the correlation of unrelated signals
-MAX_OPPOSITE = 0.5  # correlation with the other sign at another delay, as a share of the largest
+OPPOSED_SHARE = 0.5  # of that correlation, which opposed moments reach at every delay
 MAX_ROTORS = 6  # of which all orders are tried
+TINY = 1e-300  # of squares that are zero
 AXES = "roll", "pitch", "yaw"
 
 
@@ -39,16 +41,16 @@ class _Products(NamedTuple):
     least: float
 
     def correlation(self, effect) -> np.ndarray:
-        """Return by axis (3,) the largest correlation over the delays, 0 where the other sign comes near it.
+        """Return by axis (3,) the largest correlation over the delays, 0 where it is negative at some of them alone.
 
         Args:
             effect: (r, 3) moment of the thrust of each rotor about roll, pitch and yaw, in any unit.
         """
         moments = np.einsum("ra,rs,sa->a", effect, self.thrusts, effect)
-        found = np.einsum("ra,dra->da", effect, self.both) / np.sqrt(moments * self.acceleration)
+        found = np.einsum("ra,dra->da", effect, self.both) / np.sqrt(np.maximum(moments * self.acceleration, TINY))
         largest = found[np.abs(found).argmax(axis=0), np.arange(len(AXES))]
-        opposite = np.max(-np.sign(largest) * found, axis=0)
-        return np.where(opposite < MAX_OPPOSITE * np.abs(largest), largest, 0.0)
+        opposed = np.max(found, axis=0) < -OPPOSED_SHARE * self.least
+        return np.where((largest > 0) | opposed, largest, 0.0)
 
 
 def contradiction(recording, vehicle: Vehicle) -> str | None:
@@ -100,7 +102,8 @@ def _products(recording, vehicle: Vehicle) -> _Products | None:
     band = signal.butter(2, BAND_HZ, "bandpass", fs=rate_hz, output="sos")
     thrusts = signal.sosfiltfilt(band, vehicle.thrust_coefficient * speed**2, axis=0)
     acceleration = np.gradient(signal.sosfiltfilt(band, recording.gyro_body, axis=0), recording.dt, axis=0)
-    delays = [round(delay / recording.dt) for delay in np.arange(0.0, MAX_DELAY_S, DELAY_STEP_S)]
+    longest_s = MAX_DELAY_S if recording.rotor_speed_modelled else DELAY_STEP_S
+    delays = [round(delay / recording.dt) for delay in np.arange(0.0, longest_s, DELAY_STEP_S)]
     both = []
     for delay in delays:
         rows = used[: len(used) - delay] & used[delay:]

@@ -41,7 +41,7 @@ DEPENDS_ON = {  # by quantity or layer of a residual: the channels that may begi
 }
 
 
-MAX_JUDGED_SPREAD = 0.1  # of the size of moments that count for or against a repair
+MAX_COUNTED_SPREAD = 0.1  # of the size of moments that count for or against a repair
 UNLIMITED = 1e6  # standard deviations of the noise: a nuisance that the residuals do not limit
 
 
@@ -106,11 +106,11 @@ class ResidualModel:
         return found
 
     @cached_property
-    def judged(self) -> np.ndarray:
+    def counted(self) -> np.ndarray:
         """Where (m, c) a residual counts for or against a repair: where it exists, but for moments of open size."""
         found = self.measured.copy()
         if self.moment_spread:
-            found[:, self.columns["moment"]] &= np.array(self.moment_spread) < MAX_JUDGED_SPREAD
+            found[:, self.columns["moment"]] &= np.array(self.moment_spread) < MAX_COUNTED_SPREAD
         return found
 
     @cached_property

@@ -26,7 +26,7 @@ def unseen_error(evidence: Evidence, vehicle: Vehicle, file: Vehicle | None = No
     """
     parts = []
     for one in evidence.residual_models:
-        unseen = rows_of_choice(one)[1][:, None] & one.judged
+        unseen = rows_of_choice(one)[1][:, None] & one.counted
         residual = np.array(one.residual(vehicle))
         for c in (c for c, channel in enumerate(one.channels) if channel.quantity == VOLTAGE):
             if file:
@@ -82,6 +82,6 @@ def linear_problem(evidence: Evidence, vehicle: Vehicle, trial: Trial, rows) -> 
         weight = (used[:, None] & one.measured) / sigma
         x = (line.sensitivity * weight).reshape(len(line.sensitivity), weight.size)
         products.append((x @ x.T, x @ (line.residual * weight).ravel()))
-        unseen.append((line, np.where(judging[:, None] & one.judged, 1.0, np.nan)))
+        unseen.append((line, np.where(judging[:, None] & one.counted, 1.0, np.nan)))
     information, gradient = (sum(parts) for parts in zip(*products, strict=True))
     return LinearProblem(information, gradient, unseen)
