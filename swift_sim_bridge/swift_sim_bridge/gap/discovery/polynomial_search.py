@@ -234,11 +234,18 @@ def _is_alone(name: str, product: str = "") -> bool:
 
 
 def _simplest(problem: HalfRegression, scores: dict[int, float], tie: float) -> int | None:
-    """Return the best product of the fewest factors among those whose score is the largest but for `tie`."""
+    """Return the best product of the fewest factors among those whose score is the largest but for `tie`.
+
+    A product that acts everywhere is simpler than one that acts from a bend on: the flight may hardly be below it.
+    """
     largest = max(scores.values(), default=-np.inf)
     tied = [j for j, score in scores.items() if score > -np.inf and score >= largest - tie]
     return min(
         tied,
-        key=lambda j: (sum(power for _, power in quantities.factors(problem.products[j])), -scores[j]),
+        key=lambda j: (
+            sum(power for _, power in quantities.factors(problem.products[j])),
+            "(" in problem.products[j],
+            -scores[j],
+        ),
         default=None,
     )

@@ -52,7 +52,7 @@ def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: t
         effects: effects of the search; those that the commands show are fitted together with the rows.
     """
     rows, columns = residual_model.command_rows, residual_model.driven_columns
-    if rows is None or not any(rows.sigma):
+    if rows is None or not (any(rows.sigma) or residual_model.moment_spread):
         return residual_model
     if residual_model.recording.driven:  # without rotor speeds a lag of less than a row is a shift
         beside = tuple(one for one in effects if one.layer in ("motor", "force", "moment") and one.id not in LAGS)
@@ -126,7 +126,9 @@ def with_moment_spread(
         return residual_model
     turn = residual_model.modelled_turn(vehicle)[good]
     measured = turn + residual_model.residual(vehicle)[good][:, residual_model.columns["moment"]]
-    explained = [float(np.corrcoef(*pair)[0, 1] ** 2) for pair in zip(turn.T, measured.T, strict=True)]
+    deviations = np.maximum(turn.std(axis=0) * measured.std(axis=0), 1e-12)
+    products = np.mean((turn - turn.mean(axis=0)) * (measured - measured.mean(axis=0)), axis=0)
+    explained = [float(one) for one in (products / deviations) ** 2]
     found = replace(residual_model, moment_spread=tuple(1.0 - share for share in explained))
     left_out = [axis for axis, counts in enumerate(found.counted[good][0, found.columns["moment"]]) if not counts]
     if not left_out:
