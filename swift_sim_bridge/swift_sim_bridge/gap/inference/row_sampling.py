@@ -32,8 +32,9 @@ from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.gap.residuals.channels import AXES
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
-LAGS = "motor_time_constant", "motor_asymmetry"
+LAGS = "motor_time_constant", "motor_asymmetry"  # effects that move rotor speeds in time, as a shift of the rows does
 POSE_AND_IMU = ("p_world", "q_world_body", "gyro_body", "specific_force_body")
+TINY = 1e-12  # (rad/s^2)^2, of axes without a rotation
 ITERATIONS = 5  # Gauss-Newton steps at most
 CONVERGED_S = 2e-5  # change of the shift that ends the iteration
 ASYMMETRY_SHARE = 0.05  # of a row: rising and falling commands that are interpolated may differ by as much in time
@@ -126,7 +127,7 @@ def with_moment_spread(
         return residual_model
     turn = residual_model.modelled_turn(vehicle)[good]
     measured = turn + residual_model.residual(vehicle)[good][:, residual_model.columns["moment"]]
-    deviations = np.maximum(turn.std(axis=0) * measured.std(axis=0), 1e-12)
+    deviations = np.maximum(turn.std(axis=0) * measured.std(axis=0), TINY)
     products = np.mean((turn - turn.mean(axis=0)) * (measured - measured.mean(axis=0)), axis=0)
     explained = [float(one) for one in (products / deviations) ** 2]
     found = replace(residual_model, moment_spread=tuple(1.0 - share for share in explained))

@@ -146,7 +146,7 @@ class Recording:
         imu = {"gyro_body", "specific_force_body"} if self.has_motion and not self.gyro_measured else set()
         return frozenset(imu | ({"motor_command", "voltage"} if self.driven else set()))
 
-    def with_rows(self, rows: CommandRows) -> "Recording":
+    def with_motor_rows(self, rows: CommandRows) -> "Recording":
         """Return the recording with other motor commands between its rows."""
         name = "driven" if self.driven else "motor_record"
         return replace(self, **{name: replace(getattr(self, name), rows=rows)})
@@ -231,7 +231,7 @@ def with_command_rows(
         read_command_link(table, firmware or rate_pid_from_vehicle(vehicle), rows) if recording.command_link else None
     )
     kept = recording.command_link if isinstance(link, Unavailable) else link
-    return replace(recording.with_rows(rows), command_link=kept)
+    return replace(recording.with_motor_rows(rows), command_link=kept)
 
 
 def require_rotor_count(table: FlightTable, vehicle: Vehicle) -> None:

@@ -157,7 +157,7 @@ class ResidualModel:
 
     def with_command_rows(self, rows: CommandRows) -> "ResidualModel":
         """Return the residual model with other motor commands between the rows."""
-        return replace(self, recording=self.recording.with_rows(rows))
+        return replace(self, recording=self.recording.with_motor_rows(rows))
 
     def row_sensitivity(self, vehicle: Vehicle) -> np.ndarray:
         """Return the change (3, m, k) of the residuals in `driven_columns` per standard deviation of the rows."""
