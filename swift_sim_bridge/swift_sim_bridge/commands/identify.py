@@ -49,6 +49,7 @@ def run(arguments) -> int:
     from swift_ros.vehicle import Vehicle
     from swift_sim_bridge.identification import identify as identification
     from swift_sim_bridge.identification import picture, repair, tables
+    from swift_sim_bridge.identification.regular_stamps import with_regular_stamps
 
     source = arguments.vehicle or configuration_folder() / "drone.yaml"
     content = read_yaml(source)
@@ -61,6 +62,7 @@ def run(arguments) -> int:
         if flight.motor_order:
             refuse_another_order(flight.name, flight.motor_order, load_unchecked(Vehicle, source), flight.motor_columns)
     out = fresh_folder(arguments.out, (RESULT, VEHICLE, PICTURE))
+    flights = [with_regular_stamps(flight, print) for flight in flights]
     found = identification.identify(flights, content, str(source), arguments.more, arguments.less)
     result = {"vehicle": str(source)} | identification.as_result(found, flights)
     (out / RESULT).write_text(json.dumps(result, indent=1) + "\n")

@@ -9,6 +9,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.pipeline import multi_flight, single_flight, unseen_flights
 from swift_sim_bridge.gap.pipeline.diagnosis import Diagnosis, Options
 from swift_sim_bridge.gap.recording.betaflight_log import with_pid_gains
+from swift_sim_bridge.identification.regular_stamps import with_regular_stamps
 from swift_sim_bridge.physics.terms.equation import without_covariance
 
 
@@ -36,6 +37,7 @@ def diagnose(
     """
     options = Options(progress, seed, knocked_out, validate)
     vehicle = without_covariance(with_pid_gains(vehicle))
+    recordings = [with_regular_stamps(one, progress) for one in recordings]
     with jax.enable_x64(True):
         if len(recordings) > 1:
             return multi_flight.diagnose(recordings, vehicle, options)
@@ -58,5 +60,6 @@ def predict_unseen(
     Raises:
         UsageError: a flight cannot be used.
     """
+    flights = [with_regular_stamps(one, progress) for one in flights]
     with jax.enable_x64(True):
         return unseen_flights.predict(diagnosis, without_covariance(with_pid_gains(vehicle)), flights, progress)

@@ -91,14 +91,9 @@ def reference_path(recording: Recording, step_s: float, count: int, seed: int) -
     t = np.arange(recording.t[0] + margin_s, recording.t[-1] - margin_s, step_s)
     rng = np.random.default_rng([seed, 11])
 
-    record = recording.motor_record
-    slow_rows = record is not None and record.rows is not None
-
     def at(values):
-        smooth = gaussian_filter1d(values, SMOOTHING_S / recording.dt, axis=0, mode="nearest")
-        if slow_rows:  # straight lines have jerks at each row, which slow rows of the commands would not average
-            return CubicSpline(recording.t, smooth)(t)
-        return np.stack([np.interp(t, recording.t, column) for column in smooth.T], axis=-1)
+        # A spline: straight lines between the rows have jerks at each row, which the motors would have to follow.
+        return CubicSpline(recording.t, gaussian_filter1d(values, SMOOTHING_S / recording.dt, axis=0, mode="nearest"))(t)
 
     p = at(recording.p_world)[:, None]
     hz, phase = rng.uniform(*DEVIATION_HZ, (count, 3)), rng.uniform(0, 2 * np.pi, (count, 3))
