@@ -93,7 +93,8 @@ def reference_path(recording: Recording, step_s: float, count: int, seed: int) -
 
     def at(values):
         # A spline: straight lines between the rows have jerks at each row, which the motors would have to follow.
-        return CubicSpline(recording.t, gaussian_filter1d(values, SMOOTHING_S / recording.dt, axis=0, mode="nearest"))(t)
+        smooth = gaussian_filter1d(values, SMOOTHING_S / recording.dt, axis=0, mode="nearest")
+        return CubicSpline(recording.t, smooth)(t)
 
     p = at(recording.p_world)[:, None]
     hz, phase = rng.uniform(*DEVIATION_HZ, (count, 3)), rng.uniform(0, 2 * np.pi, (count, 3))
