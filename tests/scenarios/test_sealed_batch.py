@@ -25,4 +25,5 @@ def test_a_pose_and_motor_commands_alone_show_a_load_a_cut_propeller_and_a_weak_
     *named, weak_pack = runner.run(entries, tmp_path / "cases", progress=lambda line: None)
     assert [record["named"] for record in named] == [["payload"], ["damaged_propeller[4]"]]
     assert all(record["exact"] and record["verdict"] == "confirmed" for record in named)
-    assert weak_pack["sets"] == [["battery_sag", "thrust_coefficient"]] and weak_pack["verdict"] == "ambiguous"
+    (confounders,) = weak_pack["sets"]
+    assert {"battery_sag", "thrust_coefficient"} <= set(confounders) and weak_pack["verdict"] == "ambiguous"

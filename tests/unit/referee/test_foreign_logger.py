@@ -55,3 +55,11 @@ def test_a_small_error_of_the_file_may_be_named_or_not_and_anything_else_is_an_a
     for first, second, alarm in ((small, other, False), (other, small, False), (other, "propeller_stall", True)):
         one_of_both = finding(first, "ambiguous", alternatives=(second,))
         assert scoring.score(case.answer, report(one_of_both))["alarm"] == alarm
+
+
+def test_a_small_error_of_the_file_does_not_hide_the_parts_by_which_a_load_is_named():
+    case = cases.draw_case("foreign_pose_commands", 330)
+    answer = {**case.answer, "small": ["mass", "com_offset", "wind"]}
+    assert [one["effect"] for one in answer["hidden"]] == ["payload"]
+    record = scoring.score(answer, report(finding("mass"), finding("com_offset"), finding("wind")))
+    assert record["named"] == ["com_offset", "mass"] and record["exact"]

@@ -108,7 +108,8 @@ def test_a_payload_is_identified_with_mass_and_position_and_not_as_mass_inertia_
         low, high = load["parameters"][name]["interval95"]
         assert abs(load["parameters"][name]["value"] - true) < max(0.1 * abs(true), 2 * (high - low))
     assert found.vehicle.terms["payload"]["mass"] == pytest.approx(planted[0], rel=0.05)
-    assert found.report["improvement"]["held_out"]["rollout_rmse_m"]["0.5"]["after"] < 0.02
+    predicted = found.report["improvement"]["held_out"]["rollout_rmse_m"]["0.5"]
+    assert predicted["after"] < 0.03 * predicted["before"]
     assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
 
 
