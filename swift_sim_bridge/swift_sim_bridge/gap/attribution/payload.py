@@ -15,7 +15,7 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
     selection_problem_at,
     with_effects,
 )
-from swift_sim_bridge.gap.attribution.model_comparison import is_physical, penalised_squares
+from swift_sim_bridge.gap.attribution.model_comparison import EFFECT_PENALTY, is_physical, penalised_squares
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
@@ -25,6 +25,8 @@ from swift_sim_bridge.physics.terms.airframe import REACH_M
 PARTS = ("mass", "com_offset", "inertia")  # effects that a load consists of
 REPLACED = (*PARTS, "thrust_coefficient")  # effects that may stand for a load; less thrust is similar to more mass
 REPLACED_WITHOUT_ROTOR_SPEEDS = (*REPLACED, "rotor_gain", "motor_map")  # slower rotors, too, lift less
+SLOWER, WEIGHT = ("rotor_gain", "motor_map"), ("mass", "com_offset")  # the former may stand for the latter
+MAX_MORE_SQUARES = 6.0  # that these may leave: nothing beyond the noise of a few samples
 MIRRORED = np.array([1.0, 1.0, 1.0, -1.0])  # above for below: the inertia is nearly the same, and a fit may end there
 MAX_INERTIA_BIAS_SHARE = 0.05  # of the inertia; a larger bias of the pipeline leaves the position of a load unknown
 MIN_IMPROVEMENT = 14.0  # squares, penalties included, by which the load must be better; larger keeps its parts longer
@@ -46,6 +48,8 @@ def select_payload(
         The evidence with this effect, the selected effects and their values; the arguments if there is no load.
     """
     driven = all(one.recording.driven for one in evidence.residual_models)
+    if driven:
+        keys, values = _with_weight(evidence, vehicle, keys, values, progress)
     parts = [key for key in keys if key in (REPLACED_WITHOUT_ROTOR_SPEEDS if driven else REPLACED)]
     known = {effect.key: effect for effect in evidence.effects}
     if not evidence.search_payload or len(parts) < 2 or not set(PARTS) <= set(known) or _has_payload(vehicle):
@@ -78,6 +82,36 @@ def select_payload(
     if len(remaining) < len(effects):
         fitted = gauss_newton_fit(wider, vehicle, remaining, fitted)[0]
     return wider, kept, fitted
+
+
+def _with_weight(
+    evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, progress
+) -> tuple[list[str], dict]:
+    """Return the effects with mass and centre of mass in place of slower rotors, where these explain as much.
+
+    Where the rotors were not measured, four slower ones lift less, and unequally. So does a heavier vehicle with
+    another centre of mass, and one cause is likelier than four. In a hover, another motor map does the same.
+
+    Args:
+        evidence: the evidence.
+        vehicle: the vehicle with the terms of all effects.
+        keys: the selected effects.
+        values: their values, by key.
+        progress: called with a line of text.
+    """
+    known = {effect.key: effect for effect in evidence.effects}
+    slower = [key for key in keys if key in SLOWER]
+    if not slower or not set(WEIGHT) <= set(known):
+        return keys, values
+    instead = [*(key for key in keys if key not in (*SLOWER, *WEIGHT)), *WEIGHT]
+    before, after = ([known[key] for key in each] for each in (keys, instead))
+    fitted, _ = gauss_newton_fit(evidence, vehicle, after, {key: values[key] for key in instead if key in values})
+    more = penalised_squares(evidence, vehicle, after, fitted) - penalised_squares(evidence, vehicle, before, values)
+    one_cause = EFFECT_PENALTY * (len(after) - len(before))
+    if more > one_cause + MAX_MORE_SQUARES or not all(is_physical(evidence, one, fitted) for one in after):
+        return keys, values
+    progress(f"{', '.join(WEIGHT)} in place of {', '.join(slower)}")
+    return instead, fitted
 
 
 def _has_payload(vehicle: Vehicle) -> bool:

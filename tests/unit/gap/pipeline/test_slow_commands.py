@@ -25,13 +25,14 @@ PASS_S = 0.002
 
 @cache
 def flight(inertia=1.0) -> FlightTable:
-    """Return a flight of the shipped vehicle with a factor on its inertia.
+    """Return a flight of the shipped vehicle with a factor on its inertia."""
+    vehicle = planted_flight.shipped()
+    return flown(replace(vehicle, inertia=tuple(inertia * one for one in vehicle.inertia)))
 
-    Its attitude has a noise of half a milliradian, as of motion capture.
-    """
-    vehicle, rng = planted_flight.shipped(), np.random.default_rng(8)
-    heavy = replace(vehicle, inertia=tuple(inertia * one for one in vehicle.inertia))
-    table = planted_flight.record(heavy, seconds=20.0)
+
+def flown(vehicle, size=1.0) -> FlightTable:
+    """Return a flight whose attitude has a noise of half a milliradian, as of motion capture. Of size 0 it hovers."""
+    table, rng = planted_flight.record(vehicle, seconds=20.0, size=size), np.random.default_rng(8)
     q = table["q_world_body"]
     turn = geometry.quaternion_from_rotation_vector(5e-4 * rng.standard_normal((len(q.t), 3)))
     noisy = Samples(q.t, geometry.quaternion_multiply(q.values, turn))
@@ -90,6 +91,27 @@ def test_commands_in_slow_rows_are_no_error_of_the_vehicle_and_another_inertia_i
     assert inertia["effect"] == "inertia"
     found = [inertia["parameters"][f"inertia[{axis}]"]["value"] for axis in range(3)]
     assert found == pytest.approx(1.3 * np.array(planted_flight.shipped().inertia), rel=0.05)
+
+
+def with_term(**term):
+    vehicle = planted_flight.shipped()
+    return replace(vehicle, terms={**vehicle.terms, **term})
+
+
+@pytest.mark.parametrize(
+    ("planted", "possible"),
+    [
+        ({"payload": {"mass": 0.08, "position": [-0.005, 0.008, -0.03]}}, {"payload", "mass", "com_offset"}),
+        ({"rotor_gain": {"gain": [-0.05, -0.01, -0.03, -0.02]}}, {"rotor_gain"}),
+    ],
+)
+def test_a_load_in_a_hover_is_no_loss_of_four_rotors_and_four_rotors_are_no_load(planted, possible, monkeypatch):
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 12)
+    table = logged(10, noise=0.002, dense=flown(with_term(**planted), size=0.0))
+    report = api.diagnose([table], planted_flight.shipped(), lambda text: None, validate=False).report
+    assert report["findings"] and report["verdict"] != "unknown"
+    for one in report["findings"]:
+        assert possible & {one["effect"], *(other["effect"] for other in one["alternatives"])}
 
 
 def test_noisy_commands_leave_the_size_of_the_moments_open():
