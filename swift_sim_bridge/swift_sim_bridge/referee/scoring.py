@@ -127,8 +127,9 @@ def _hidden_of(answer: dict, report: dict) -> _Hidden:
 
 def _reported_of(answer: dict, report: dict, truth: set[str]) -> _Reported:
     # Errors of the file below what matters may be named or not, unless they are parts of the truth.
-    small = set(answer.get("small", ())) - _allowed(truth)
-    findings = [one for one in report.get("findings", []) if not _is_of(one, small) or _is_of(one, truth)]
+    right = _allowed(truth)
+    small = set(answer.get("small", ())) - right
+    findings = [one for one in report.get("findings", []) if not _is_of(one, small) or _is_of(one, right)]
     named = _names(findings, NAMED)
     sets = [_members(finding) for finding in findings if finding["verdict"] == "ambiguous"]
     not_testable = {one["effect"] for one in answer["hidden"]} <= set(report.get("not_testable", {}))

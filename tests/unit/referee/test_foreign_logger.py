@@ -63,3 +63,7 @@ def test_a_small_error_of_the_file_does_not_hide_the_parts_by_which_a_load_is_na
     assert [one["effect"] for one in answer["hidden"]] == ["payload"]
     record = scoring.score(answer, report(finding("mass"), finding("com_offset"), finding("wind")))
     assert record["named"] == ["com_offset", "mass"] and record["exact"]
+    small = {**answer, "small": ["thrust_coefficient"]}
+    in_a_set = finding("mass", "ambiguous", alternatives=("thrust_coefficient",))
+    record = scoring.score(small, report(finding("com_offset"), in_a_set))
+    assert record["sets"] == [["mass", "thrust_coefficient"]] and record["honest"] and not record["exact"]

@@ -149,7 +149,7 @@ def separating_manoeuvre(
             if np.linalg.norm(traces[i].p_world - path.p_world[:, i], axis=-1).max() > MAX_PATH_ERROR_M:
                 continue
             residual_model = ResidualModel(
-                read_recording(rotor_speed_model.with_modelled_rotor_speeds(flown, vehicle), vehicle)
+                read_recording(rotor_speed_model.with_modelled_rotor_speeds(flown, vehicle), vehicle, simulated=True)
             )
             line = linearise(residual_model, variants)
             noise = np.sqrt(np.mean(np.square(line.residual[line.good]), axis=0))  # a fast pass is noisier than a hover
