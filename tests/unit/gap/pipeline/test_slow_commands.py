@@ -98,11 +98,12 @@ def with_term(**term):
     return replace(vehicle, terms={**vehicle.terms, **term})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("planted", "possible"),
     [
         ({"payload": {"mass": 0.08, "position": [-0.005, 0.008, -0.03]}}, {"payload", "mass", "com_offset"}),
-        pytest.param({"rotor_gain": {"gain": [-0.05, -0.01, -0.03, -0.02]}}, {"rotor_gain"}, marks=pytest.mark.slow),
+        ({"rotor_gain": {"gain": [-0.05, -0.01, -0.03, -0.02]}}, {"rotor_gain"}),
     ],
 )
 def test_a_load_in_a_hover_is_no_loss_of_four_rotors_and_four_rotors_are_no_load(planted, possible, monkeypatch):
