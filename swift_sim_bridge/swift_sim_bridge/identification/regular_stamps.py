@@ -23,12 +23,13 @@ MIN_ROWS = 200  # of stamps from which a scatter is estimated
 SCATTER_SHARE = 0.005, 0.15  # of a row: less is no scatter, with more rows cannot be counted
 SAME_STAMPS_S = 2e-6  # in which stamps that differ by a constant agree: they are written in microseconds
 TRACKING_GAIN = 0.05  # share of a stamp's deviation by which the counted time follows it
-WINDOW = 101  # rows over which regular times follow the stamps
+WINDOW_ROWS = 101  # over which regular times follow the stamps
 SLOPE_ROWS = 3  # on each side, for the rate of change of a channel
 DIFFERENCES = 4  # order of the differences that remove the motion
 BINOMIAL = np.array([1.0, -4.0, 6.0, -4.0, 1.0])  # weights of these differences
-LARGEST_SHARE = 0.2  # of the scatter that may be in the samples; it is known to within MARGIN standard errors
-MARGIN, LIMIT = 5.0, 0.5
+# Largest share of the scatter in the samples with which they count as taken regularly, and what it must stay below by
+# MARGIN standard errors: half way to samples that were taken at their stamps.
+MAX_SHARE, SHARE_LIMIT, MARGIN = 0.2, 0.5, 5.0
 
 
 def with_regular_stamps(table: FlightTable, progress: Callable[[str], None]) -> FlightTable:
@@ -49,8 +50,8 @@ def with_regular_stamps(table: FlightTable, progress: Callable[[str], None]) -> 
             continue
         channels |= {name: Samples(samples.t - late_s, samples.values) for name, samples in group.items()}
         reason = (
-            f"they scatter by {1e3 * late_s.std():.2g} ms about regular rows of {1e3 / first.rate_hz:.3g} ms, in which "
-            "the vehicle moves regularly; these are used"
+            f"they scatter by {1e3 * late_s.std():.2g} ms about regular rows of {1e3 / first.rate_hz:.3g} ms; by the "
+            "motion the samples were taken at regular times, which are used"
         )
         rejections.append(Rejection(float(first.t[0]), float(first.t[-1]), f"stamps of {', '.join(group)}", reason))
         progress(f"{table.name}: {rejections[-1].channel}: {reason}")
@@ -80,7 +81,7 @@ def _lateness(group: dict[str, Samples]) -> np.ndarray | None:
         column for name in SMOOTH if name in group for column in group[name].values.reshape(len(t), -1).T.astype(float)
     ]
     share, error = scatter_in_samples(columns, late_s, regular, row)
-    return late_s if abs(share) < LARGEST_SHARE and abs(share) + MARGIN * error < LIMIT else None
+    return late_s if abs(share) < MAX_SHARE and abs(share) + MARGIN * error < SHARE_LIMIT else None
 
 
 def regular_times(t) -> tuple[np.ndarray, np.ndarray] | None:
@@ -99,7 +100,7 @@ def regular_times(t) -> tuple[np.ndarray, np.ndarray] | None:
         period += TRACKING_GAIN**2 / 4.0 * deviation / steps
     slope, offset = np.polyfit(row, t, 1)
     straight = offset + slope * row
-    regular = straight + uniform_filter1d(t - straight, min(WINDOW, len(t)), mode="nearest")
+    regular = straight + uniform_filter1d(t - straight, min(WINDOW_ROWS, len(t)), mode="nearest")
     return (regular, row) if np.max(np.abs(t - regular)) < 0.5 * slope else None
 
 

@@ -70,7 +70,7 @@ def test_a_vehicle_that_does_not_move_keeps_its_stamps():
 
 
 @pytest.mark.parametrize(
-    "stamps", [T, T + 0.02 * ROW_S * 1e-2, np.cumsum(np.random.default_rng(3).exponential(ROW_S, len(T)))]
+    "stamps", [T, scattered(scatter_s=0.002 * ROW_S), np.cumsum(np.random.default_rng(3).exponential(ROW_S, len(T)))]
 )
 def test_regular_stamps_and_rows_that_cannot_be_counted_stand(stamps):
     found = with_regular_stamps(logged(stamps, stamps, lambda t: MOTION(np.clip(t, T[0], T[-1]))), pytest.fail)
