@@ -16,6 +16,18 @@ from swift_ros import geometry
 from swift_ros.race import rules
 from swift_ros.track import Track
 from swift_sim_bridge.physics.rigid_body import apply
+from swift_sim_bridge.physics.state import stacked, unstacked
+from swift_sim_bridge.physics.terms import vectors
+from swift_sim_bridge.physics.terms.vectors import (
+    Quaternion,
+    Vector,
+    add,
+    rotate,
+    rotate_inverse,
+    scale,
+    stack,
+    subtract,
+)
 
 FRICTION = 0.6  # coefficient of rubber feet and carbon on a floor
 LEVEL_TILT = 0.03  # rad; below it a hull stands on its whole rim, above it on its lowest point
@@ -106,9 +118,9 @@ def _bars(inner_side: float, outer_side: float, half_depth: float) -> list[list[
     return [[(-half_depth, y0, z0), (half_depth, y1, z1)] for y0, y1, z0, z1 in spans]
 
 
-def no_contact(p_world) -> Contact:
-    """Return the Contact (...) of free flight for positions (..., 3)."""
-    zero = jnp.zeros_like(p_world[..., 0])
+def no_contact(like) -> Contact:
+    """Return the Contact (...) of free flight for values shaped as `like` (...)."""
+    zero = jnp.zeros_like(like)
     return Contact(zero > 0, zero, jnp.full(zero.shape, -1, dtype=jnp.int32))
 
 
@@ -116,56 +128,51 @@ def _on_support(state, parameters, world, dt):
     """Return (state, supported, closing speed) after resting on, or hitting, the ground or the podium.
 
     The hull's lowest point takes an inelastic push upwards, which also turns the hull: a vehicle that tilts before its
-    thrust lifts it is pressed flat by its weight.
+    thrust lifts it is pressed flat by its weight. States are by components (see `physics.terms.vectors`).
     """
-    p_z, v_z = state.p_world[..., 2], state.v_world[..., 2]
+    position, velocity, omega_body = state.p_world, state.v_world, state.omega_body
     reach, push_moment = _support(state.q_world_body, parameters)
-    over_podium = rules.above_podium(world.podium, state.p_world) & (p_z > world.podium[2])
+    over_podium = rules.above_podium(world.podium, stack(position)) & (position.z > world.podium[2])
     ground_z = jnp.where(over_podium, world.podium[2], world.ground_z)
     floor = ground_z + reach
-    supported = p_z < floor
-    from_side = over_podium & (p_z < floor - SIDE_DEPTH_M)
-    turned = apply(parameters.inertia_inverse, push_moment)
-    falling = -v_z - jnp.sum(push_moment * state.omega_body, axis=-1)  # of the lowest point
-    mobility = 1.0 / parameters.mass + jnp.sum(push_moment * turned, axis=-1)
+    supported = position.z < floor
+    from_side = over_podium & (position.z < floor - SIDE_DEPTH_M)
+    turned = vectors.apply(parameters.inertia_inverse, push_moment)
+    falling = -velocity.z - vectors.dot(push_moment, omega_body)  # of the lowest point
+    mobility = 1.0 / parameters.mass + vectors.dot(push_moment, turned)
     push = jnp.where(supported, jnp.maximum(falling, 0.0), 0.0) / mobility  # N s
-    slide = jnp.sqrt(jnp.sum(state.v_world[..., :2] ** 2, axis=-1) + 1e-12)
-    kept = jnp.maximum(1.0 - FRICTION * push / (parameters.mass * slide), 0.0)
-    v_world = jnp.concatenate(
-        [kept[..., None] * state.v_world[..., :2], (v_z + push / parameters.mass)[..., None]], axis=-1
-    )
-    decay = jnp.where(supported, jnp.exp(-dt / RATE_DECAY_S), 1.0)[..., None]
-    omega_body = decay * (state.omega_body + push[..., None] * turned)
+    slide = jnp.sqrt(velocity.x * velocity.x + velocity.y * velocity.y + 1e-12)
+    left = jnp.maximum(1.0 - FRICTION * push / (parameters.mass * slide), 0.0)
+    after = Vector(left * velocity.x, left * velocity.y, velocity.z + push / parameters.mass)
+    decay = jnp.where(supported, jnp.exp(-dt / RATE_DECAY_S), 1.0)
+    rates = scale(decay, add(omega_body, scale(push, turned)))
     # As in the integrator, the attitude is the integral of the new rate. With that before the contact the hull turned
     # by a seventh more than a gyro says.
-    back = geometry.quaternion_from_rotation_vector(dt * (omega_body - state.omega_body))
-    q_world_body = geometry.normalize(geometry.quaternion_multiply(state.q_world_body, back))
-    reach, _ = _support(q_world_body, parameters)
-    p_z = jnp.where(supported & ~from_side, jnp.maximum(p_z, ground_z + reach), p_z)
+    attitude = vectors.turned(state.q_world_body, subtract(rates, omega_body), dt)
+    reach, _ = _support(attitude, parameters)
+    stands = supported & ~from_side
     moved = replace(
         state,
-        p_world=jnp.concatenate([state.p_world[..., :2], p_z[..., None]], axis=-1),
-        v_world=jnp.where(from_side[..., None], 0.0, v_world),
-        q_world_body=q_world_body,
-        omega_body=omega_body,
+        p_world=position._replace(z=jnp.where(stands, jnp.maximum(position.z, ground_z + reach), position.z)),
+        v_world=Vector(*(jnp.where(from_side, 0.0, value) for value in after)),
+        q_world_body=attitude,
+        omega_body=rates,
     )
-    closing = jnp.where(supported, jnp.maximum(-v_z, 0.0), 0.0)
+    closing = jnp.where(supported, jnp.maximum(-velocity.z, 0.0), 0.0)
     return moved, supported, jnp.where(from_side, jnp.maximum(slide, closing), closing)
 
 
-def _support(q_world_body, parameters):
-    """Return (reach (...) m below the hull's centre, moment (..., 3) of a unit push there, m, body).
+def _support(attitude: Quaternion, parameters):
+    """Return (reach (...) m below the hull's centre, moment of a unit push there, m, body, by components).
 
     The push is at the lowest point; for a hull that is almost level it moves into its middle, and the reach with it.
     """
-    up = geometry.rotate(q_world_body, jnp.zeros_like(q_world_body[..., :3]).at[..., 2].set(1.0))
-    x, y, level = up[..., 0], up[..., 1], up[..., 2]
+    x, y, level = rotate(attitude, Vector(0.0, 0.0, 1.0))
     across = jnp.sqrt(x * x + y * y + LEVEL_TILT**2)
     radius, half_height = parameters.hull_radius, 0.5 * parameters.hull_height
     lever = radius * level / across - half_height * jnp.sign(level)  # of the lowest point, along the slope
-    moment = jnp.stack([lever * y, -lever * x, jnp.zeros_like(x)], axis=-1)
     reach = radius * (across - LEVEL_TILT) + half_height * jnp.abs(level)
-    return reach, geometry.rotate_inverse(q_world_body, moment)
+    return reach, rotate_inverse(attitude, Vector(lever * y, -lever * x, 0.0))
 
 
 def frame_distance(p_world, q_world_body, parameters, frames: Frames):
@@ -218,18 +225,18 @@ def _on_frame(state, parameters, frames: Frames):
 
 
 def resolve(state, parameters, world: World, dt):
-    """Return (state, Contact) after the contacts of a step of `dt` s."""
+    """Return (state, Contact) after the contacts of a step of `dt` s; states by components."""
     state, supported, closing = _on_support(state, parameters, world, dt)
     free = (state, jnp.full(closing.shape, -1, dtype=jnp.int32), jnp.zeros_like(closing))
     if (frames := world.frames) is None:
         return state, Contact(supported, closing, free[1])
     reach = jnp.sqrt(jnp.sum(frames.bar_high.max(axis=(0, 1)) ** 2)) + parameters.hull_radius + parameters.hull_height
-    apart = state.p_world[..., None, :] - frames.position
+    apart = stack(state.p_world)[..., None, :] - frames.position
     near = jnp.any(jnp.sum(apart * apart, axis=-1) < reach[..., None] ** 2)
 
     def with_contact():
-        moved, gate, frame_closing = _on_frame(state, parameters, frames)
-        return moved, gate.astype(jnp.int32), frame_closing
+        moved, gate, frame_closing = _on_frame(stacked(state), parameters, frames)
+        return unstacked(moved), gate.astype(jnp.int32), frame_closing
 
     state, gate, frame_closing = jax.lax.cond(near, with_contact, lambda: free)
     return state, Contact(supported, jnp.maximum(closing, frame_closing), gate)

@@ -131,12 +131,11 @@ def move(before, motor_command, parameters, world, dt, integrator):
         (state by components, Trace).
     """
     state, voltage, current = step_unstacked(before, parts(motor_command), parameters, dt, integrator)
-    after = stacked(state)
     if world is None:
-        touched = contact.no_contact(after.p_world)
+        touched = contact.no_contact(state.charge)
     else:
-        after, touched = contact.resolve(after, parameters, world, dt)
-        state = unstacked(after)
+        state, touched = contact.resolve(state, parameters, world, dt)
+    after = stacked(state)
     x, y, z = (change / dt for change in subtract(state.v_world, before.v_world))
     specific_force_world = Vector(x, y, z + parameters.gravity)
     pushed = pushed_attitude(before.q_world_body, state.q_world_body, integrator)

@@ -14,11 +14,18 @@ from swift_ros.track import to_gate_frame
 from swift_ros.types import Odometry
 from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.physics import contact
+from swift_sim_bridge.physics.state import stacked, unstacked
 from swift_sim_bridge.simulation import simulator
 from swift_sim_bridge.simulation.simulator import FlightModel
 
 IDLE = steady(np.zeros(3), 0.0, 50)
-resolve, frame_distance = jax.jit(contact.resolve), jax.jit(contact.frame_distance)
+frame_distance = jax.jit(contact.frame_distance)
+
+
+@jax.jit
+def resolve(state, parameters, world, dt):
+    moved, touched = contact.resolve(unstacked(state), parameters, world, dt)
+    return stacked(moved), touched
 
 
 @pytest.fixture(autouse=True)
