@@ -12,7 +12,7 @@ import numpy as np
 
 from swift_sim_bridge.gap.attribution.evidence import Evidence, Unexplained
 from swift_sim_bridge.gap.attribution.process_noise import window_squares_of_noise
-from swift_sim_bridge.gap.discovery.equation_search import DRIFTING_LAYER, UNSEARCHED_LAYER
+from swift_sim_bridge.gap.discovery.equation_search import DRIFTING_LAYER, searched_columns
 from swift_sim_bridge.gap.inference import null_distribution, stepwise
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.residuals.channels import VOLTAGE
@@ -57,8 +57,9 @@ def unexplained_channels(
     usual = usual + sum(map(window_squares_of_noise, evidence.residual_models, lines, steps))
     remaining = sum(np.sum(line.residual**2, axis=0) for line in lines)
     found = []
-    for c, channel in enumerate(evidence.residual_models[0].channels):
-        if channel.layer in (UNSEARCHED_LAYER, DRIFTING_LAYER):
+    for c in searched_columns(evidence.residual_models):
+        channel = evidence.residual_models[0].channels[c]
+        if channel.layer == DRIFTING_LAYER:
             continue
         gain, quantity = _best_curve(evidence, lines, c)
         gain = min(gain, remaining[c] - every[c])  # reference flights may follow the curve, too: a bias of the method

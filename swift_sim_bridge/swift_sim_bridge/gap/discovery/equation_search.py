@@ -118,11 +118,7 @@ def search_equations(
     """
     least = library.steady_threshold if steady else library.threshold
     channels, found = residual_models[0].channels, []
-    searched = {
-        c: _channel_equations(library, lines, sigmas, c)
-        for c, channel in enumerate(channels)
-        if channel.layer != UNSEARCHED_LAYER
-    }
+    searched = {c: _channel_equations(library, lines, sigmas, c) for c in searched_columns(residual_models)}
     for c in sorted(searched, key=lambda c: -np.abs(_signed_gains(searched[c][0], [])).max()):
         (equations, uncorrected), channel, names = searched[c], channels[c], library.features[0][c].names
         repeated = {axis_free_name(term) for term in found if term.channel.layer == channel.layer}
@@ -143,6 +139,20 @@ def search_equations(
             terms = _terms(channel, library.features[0][c], problem, chosen, values)
             found += [term for term in terms if not is_of_rows(term, residual_models)]
     return tuple(sorted(found, key=lambda term: channels.index(term.channel)))
+
+
+def searched_columns(residual_models: tuple[ResidualModel, ...]) -> list[int]:
+    """Return the channels that may show what no effect explains.
+
+    Noise of motor commands that moves no motor hides a part of what the rotors did, which then depends on whatever the
+    commands answer: channels of open size show no equation.
+    """
+    hidden = {c for one in residual_models for c in one.open_columns}
+    return [
+        c
+        for c, channel in enumerate(residual_models[0].channels)
+        if channel.layer != UNSEARCHED_LAYER and c not in hidden
+    ]
 
 
 def _channel_equations(

@@ -12,6 +12,7 @@ import numpy as np
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.discovery.equation_products import products_at_rotors, products_of_recording, ranges_of
+from swift_sim_bridge.gap.discovery.equation_search import searched_columns
 from swift_sim_bridge.gap.discovery.half_regression import HalfRegression, Level
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
@@ -98,15 +99,19 @@ def search(
         at_rotors: whether what adds to each rotor's thrust is sought before forces and moments of what it leaves.
         refused: names of summands that must not join.
     """
-    found = list(known)
+    found, searched = list(known), set(searched_columns(residuals.residual_models))
+
+    def shown(products: dict) -> dict:
+        return {c: own for c, own in products.items() if c in searched}
+
     if at_rotors:
-        at = [products_at_rotors(one, vehicle, residuals.places) for one in residuals.residual_models]
+        at = [shown(products_at_rotors(one, vehicle, residuals.places)) for one in residuals.residual_models]
         if problem := _problem(equation.AT_ROTORS, at, residuals, share):
             found += _chosen(problem, _products(found, equation.AT_ROTORS), refused)
             residuals = _less(residuals, at, problem, _products(found, equation.AT_ROTORS))
     columns = [products_of_recording(one, vehicle, residuals.places) for one in residuals.residual_models]
     for side in columns[0]:
-        problem = _problem(side, [own.get(side, {}) for own in columns], residuals, share)
+        problem = _problem(side, [shown(own.get(side, {})) for own in columns], residuals, share)
         if problem is not None and side == "voltage":
             problem = replace(problem, levels=_levels(columns, residuals, vehicle))
         if problem is not None:

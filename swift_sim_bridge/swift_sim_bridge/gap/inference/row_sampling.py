@@ -6,8 +6,8 @@ as well count as little as they are known.
 
 Commands in slow rows may show little of what the motors did: noise of the gyro and answers to disturbances come and go
 between two rows, and what a rate loop answers is opposed to what it causes. A regression on such commands gives too
-small a moment for every change of a command, which would be taken for a heavier vehicle or for weaker motors. The size
-of the moments is known as far as the commands explain the rotation.
+small a force and moment for every change of a command, which would be taken for a heavier vehicle or for weaker motors.
+Their size is known as far as the commands explain the motion.
 """
 
 from collections.abc import Callable
@@ -30,11 +30,13 @@ from swift_sim_bridge.gap.inference.sensitivity import (
 from swift_sim_bridge.gap.recording import command_timing
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.gap.residuals.channels import AXES
-from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.gap.residuals.residual_model import MAX_COUNTED_SPREAD, ResidualModel, RotorSpread
+from swift_sim_bridge.identification.grid import HALF_WIDTH_S
 
 LAGS = "motor_time_constant", "motor_asymmetry"  # effects that move rotor speeds in time, as a shift of the rows does
 POSE_AND_IMU = ("p_world", "q_world_body", "gyro_body", "specific_force_body")
-TINY = 1e-12  # (rad/s^2)^2, of axes without a rotation
+CORRELATED_S = 2.0 * HALF_WIDTH_S  # s, over which the noise of filtered residuals is correlated
+TINY = 1e-12  # squared, of axes without a motion
 ITERATIONS = 5  # Gauss-Newton steps at most
 CONVERGED_S = 2e-5  # change of the shift that ends the iteration
 ASYMMETRY_SHARE = 0.05  # of a row: rising and falling commands that are interpolated may differ by as much in time
@@ -53,7 +55,7 @@ def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: t
         effects: effects of the search; those that the commands show are fitted together with the rows.
     """
     rows, columns = residual_model.command_rows, residual_model.driven_columns
-    if rows is None or not (any(rows.sigma) or residual_model.moment_spread):
+    if rows is None or not (any(rows.sigma) or residual_model.rotor_spread):
         return residual_model
     if residual_model.recording.driven:  # without rotor speeds a lag of less than a row is a shift
         beside = tuple(one for one in effects if one.layer in ("motor", "force", "moment") and one.id not in LAGS)
@@ -108,13 +110,15 @@ def _moved(vehicle: Vehicle, effects, size, step) -> Vehicle:
     return vehicle
 
 
-def with_moment_spread(
+def with_rotor_spread(
     residual_model: ResidualModel, vehicle: Vehicle, progress: Callable[[str], None]
 ) -> ResidualModel:
-    """Return the residual model with the spread of the moments' size about each axis.
+    """Return the residual model with what its commands leave open of the rotors' force along z and their moments.
 
-    It is the share of the rotation that the commands do not explain: a regression of rotations on commands and one of
-    commands on rotations give sizes that differ by this share, and the true one lies between them.
+    The size of what these vary by is open by the share of the motion that the commands do not explain: a regression of
+    the motion on commands and one of commands on the motion give sizes that differ by this share, and the true one
+    lies between them. What varies in the commands beyond the motion is noise of the rows; its mean over the flight is
+    open, too. Where the commands explain the force, its size is that of the vehicle, and a repair of it counts.
 
     Args:
         residual_model: of one recording; returned unchanged where the rotor speeds are not those under slow commands.
@@ -123,14 +127,21 @@ def with_moment_spread(
     """
     recording, good = residual_model.recording, residual_model.good
     slow = recording.driven and residual_model.command_rows
-    if not slow or "moment" not in residual_model.groups or not good.any():
+    if not slow or not {"force", "moment"} <= set(residual_model.groups) or not good.any():
         return residual_model
-    turn = residual_model.modelled_turn(vehicle)[good]
-    measured = turn + residual_model.residual(vehicle)[good][:, residual_model.columns["moment"]]
-    deviations = np.maximum(turn.std(axis=0) * measured.std(axis=0), TINY)
-    products = np.mean((turn - turn.mean(axis=0)) * (measured - measured.mean(axis=0)), axis=0)
-    explained = [float(one) for one in (products / deviations) ** 2]
-    found = replace(residual_model, moment_spread=tuple(1.0 - share for share in explained))
+    modelled = residual_model.modelled_rotors(vehicle)
+    measured = modelled + residual_model.residual(vehicle)[:, residual_model.rotor_columns]
+    steps = nuisance.step_noise(measured, good)
+    modelled, measured = modelled[good], measured[good]
+    deviations = np.maximum(modelled.std(axis=0) * measured.std(axis=0), TINY)
+    products = np.mean((modelled - modelled.mean(axis=0)) * (measured - measured.mean(axis=0)), axis=0)
+    explained = np.minimum((products / deviations) ** 2, 1.0)
+    size, noise = 1.0 - explained, modelled.var(axis=0) * (1.0 - explained)
+    mean = np.sqrt(noise * CORRELATED_S / (len(modelled) * np.median(np.diff(residual_model.t))))
+    if size[0] < MAX_COUNTED_SPREAD:
+        size[0] = mean[0] = 0.0
+    spread = RotorSpread(*(tuple(map(float, one)) for one in (size, mean, steps)))
+    found = replace(residual_model, rotor_spread=spread)
     left_out = [axis for axis, counts in enumerate(found.counted[good][0, found.columns["moment"]]) if not counts]
     if not left_out:
         return found
@@ -138,7 +149,7 @@ def with_moment_spread(
         float(recording.t[0]),
         float(recording.t[-1]),
         f"size of the rotors' moments about {', '.join(AXES[axis] for axis in left_out)}",
-        f"the motor commands explain {', '.join(f'{explained[axis]:.0%}' for axis in left_out)} of the rotation",
+        f"the motor commands explain {', '.join(f'{explained[1 + axis]:.0%}' for axis in left_out)} of the rotation",
     )
     progress(f"{recording.name}: left out {rejection.channel}: {rejection.reason}")
     return replace(found, recording=replace(recording, rejections=(*recording.rejections, rejection)))

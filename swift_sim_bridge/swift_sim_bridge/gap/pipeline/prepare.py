@@ -20,7 +20,7 @@ from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
 from swift_sim_bridge.gap.inference.row_sampling import (
     row_bounds,
     with_fitted_rows,
-    with_moment_spread,
+    with_rotor_spread,
     with_row_bounds,
 )
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation, LinearisationCache, linearise, noise_floor
@@ -150,7 +150,7 @@ def prepare_again(
         return prepare_evidence(recordings, vehicle, options, prior)
     residual_models = tuple(
         with_rows(
-            replace(one, moment_spread=before.moment_spread),  # as in the reference flights
+            replace(one, rotor_spread=before.rotor_spread),  # as in the reference flights
             table,
             vehicle,
             hypotheses.effects,
@@ -179,7 +179,7 @@ def _residual_models(
     ]
     own_effects = prior.own_effects or [()] * len(read)
     found = in_common([ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)], options.progress)
-    return [with_moment_spread(one, vehicle, options.progress) for one in found]
+    return [with_rotor_spread(one, vehicle, options.progress) for one in found]
 
 
 def _hypotheses(residual_models: list[ResidualModel], vehicle: Vehicle, options: Options, prior: Prior) -> Hypotheses:

@@ -143,7 +143,7 @@ def _reference_model(table: FlightTable, vehicle: Vehicle, recorded: ResidualMod
     found = ResidualModel(
         read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, simulated=True),
         excluded_groups=recorded.excluded_groups,
-        moment_spread=recorded.moment_spread,
+        rotor_spread=recorded.rotor_spread,
     )
     if recorded.command_rows is None:
         return found

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,8 +42,26 @@ DEPENDS_ON = {  # by quantity or layer of a residual: the channels that may begi
 }
 
 
-MAX_COUNTED_SPREAD = 0.1  # of the size of moments that count for or against a repair
+MAX_COUNTED_SPREAD = (
+    0.1  # of the size of force or moments; a larger one shows no equation, and judges no moment of a repair
+)
 UNLIMITED = 1e6  # standard deviations of the noise: a nuisance that the residuals do not limit
+
+
+class RotorSpread(NamedTuple):
+    """What commands in slow rows leave open of the rotors' force along z and their moments.
+
+    `inference.row_sampling` estimates it.
+
+    Attributes:
+        size: (4,) standard deviations of the relative size of what they vary by.
+        mean: (4,) standard deviations of their means, m/s^2 and rad/s^2.
+        noise: (4,) upper bounds of the noise of the motion, in the same units: noise of the commands is no part of it.
+    """
+
+    size: tuple[float, ...]
+    mean: tuple[float, ...]
+    noise: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -53,14 +72,14 @@ class ResidualModel:
         recording: the recording.
         flight_effects: effects with their values that the vehicle had in this recording alone.
         excluded_groups: groups of channels that are not compared.
-        moment_spread: (3,) standard deviation of the relative size of the rotors' moments about each axis; empty where
-            it is that of the vehicle (see `inference.row_sampling`).
+        rotor_spread: what is open of the rotors' force along z and their moments; None where they are those of the
+            vehicle.
     """
 
     recording: Recording
     flight_effects: tuple[tuple[Effect, np.ndarray], ...] = ()
     excluded_groups: frozenset[str] = frozenset()
-    moment_spread: tuple[float, ...] = ()
+    rotor_spread: RotorSpread | None = None
 
     @cached_property
     def filter(self) -> Filter:
@@ -109,9 +128,16 @@ class ResidualModel:
     def counted(self) -> np.ndarray:
         """Where (m, c) a residual counts for or against a repair: where it exists, but for moments of open size."""
         found = self.measured.copy()
-        if self.moment_spread:
-            found[:, self.columns["moment"]] &= np.array(self.moment_spread) < MAX_COUNTED_SPREAD
+        if self.rotor_spread:
+            found[:, np.intersect1d(self.open_columns, np.r_[self.columns["moment"]])] = False
         return found
+
+    @property
+    def open_columns(self) -> np.ndarray:
+        """The channels of the rotors' force and moments whose size commands in slow rows leave open."""
+        if not self.rotor_spread:
+            return np.array([], int)
+        return self.rotor_columns[np.array(self.rotor_spread.size) > MAX_COUNTED_SPREAD]
 
     @cached_property
     def compared_gates(self) -> camera.ComparedGates:
@@ -176,12 +202,12 @@ class ResidualModel:
     def nuisance(self, vehicle: Vehicle) -> np.ndarray:
         """Return the change (k, m, c) of the residuals per standard deviation of k nuisance parameters, over the noise.
 
-        The parameters are those of motor commands in slow rows, the size of the moments under these, the times of
-        commands and gyro in these rows, and, of unlimited variance, the state of the battery at the first row.
+        The parameters are those of motor commands in slow rows, size and mean of force and moments under these, the
+        times of commands and gyro in these rows, and, of unlimited variance, the state of the battery at the first row.
         """
         found = [self._of_commands]
-        if self.moment_spread:
-            found.append(self._of_moments(vehicle))
+        if self.rotor_spread:
+            found.append(self._of_rotors(vehicle))
         if "pack" in self.groups:
             change = propulsion.pack_start_sensitivity(self.recording, self.filter, self._with_flight_effects(vehicle))
             of_pack = np.zeros((*change.shape, len(self.channels)))
@@ -208,14 +234,20 @@ class ResidualModel:
             found[:, :, columns] = change / np.maximum(noise, floor)
         return found
 
-    def modelled_turn(self, vehicle: Vehicle) -> np.ndarray:
-        """Return the angular acceleration (m, 3) rad/s^2 that rotors give one vehicle, filtered as the measured one."""
+    @property
+    def rotor_columns(self) -> np.ndarray:
+        """The channels (4,) of the rotors: force along z and the moments."""
+        return np.r_[self.columns["force"].stop - 1, self.columns["moment"]]
+
+    def modelled_rotors(self, vehicle: Vehicle) -> np.ndarray:
+        """Return what one vehicle has in `rotor_columns` (m, 4): m/s^2 and rad/s^2, filtered as the measured ones."""
         variants = Variants((self._with_flight_effects(vehicle),), ("",))
         corrected = correct(self.recording, variants.sensors[0])
         kinematics = compute_kinematics(self.recording, corrected, self.filter)
         parameters, speeds = variants.parameters("motion", "motor"), self._rotor_speeds(variants)
         wrench = rigid_body.modelled_wrench(self.recording, kinematics, parameters, speeds)
-        return rigid_body.filtered_turn(self.recording, self.filter, wrench)[0]
+        force = rigid_body.filtered_force(self.filter, kinematics, wrench)[0, :, 2:]
+        return np.concatenate([force, rigid_body.filtered_turn(self.recording, self.filter, wrench)[0]], axis=1)
 
     def _of_rows(self, vehicle: Vehicle) -> np.ndarray:
         """The change (k, m, c) per standard deviation of the rows' parameters, over the noise.
@@ -229,14 +261,16 @@ class ResidualModel:
             of_own[:, :, own] = change[:, :, np.searchsorted(columns, own)]
         return found.reshape(-1, *found.shape[2:])
 
-    def _of_moments(self, vehicle: Vehicle) -> np.ndarray:
-        """The change (3, m, c) per standard deviation of the size of the moments, over the noise."""
-        turn, columns = self.modelled_turn(vehicle), np.r_[self.columns["moment"]]
+    def _of_rotors(self, vehicle: Vehicle) -> np.ndarray:
+        """The change (8, m, c) per standard deviation of size and mean of force and moments, over the noise."""
+        modelled, columns = self.modelled_rotors(vehicle), self.rotor_columns
         noise = np.broadcast_to(self.command_rows.noise, len(self.driven_columns))
-        varying = np.where(self.good[:, None], turn - turn[self.good].mean(axis=0), 0.0) * self.moment_spread
-        found = np.zeros((len(columns), len(self.t), len(self.channels)))
-        found[np.arange(len(columns)), :, columns] = (varying / noise[np.searchsorted(self.driven_columns, columns)]).T
-        return found
+        noise = np.minimum(noise[np.searchsorted(self.driven_columns, columns)], self.rotor_spread.noise)
+        varying = np.where(self.good[:, None], modelled - modelled[self.good].mean(axis=0), 0.0)
+        found, each = np.zeros((2, len(columns), len(self.t), len(self.channels))), np.arange(len(columns))
+        found[0, each, :, columns] = (varying * self.rotor_spread.size / noise).T
+        found[1, each, :, columns] = (np.array(self.rotor_spread.mean) / noise)[:, None]
+        return found.reshape(-1, *found.shape[2:])
 
     def _with_flight_effects(self, vehicle: Vehicle) -> Vehicle:
         """Return the vehicle as it was in this recording."""

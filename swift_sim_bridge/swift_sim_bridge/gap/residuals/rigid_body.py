@@ -106,6 +106,12 @@ def filtered_turn(recording: Recording, low: Filter, wrench: Wrench) -> np.ndarr
     return apply_to_batch(smooth, wrench.turn_acceleration)
 
 
+def filtered_force(low: Filter, kinematics: Kinematics, wrench: Wrench) -> np.ndarray:
+    """Return the specific force (b, m, 3) m/s^2 of b variants, body frame, filtered as that of the pose."""
+    force = wrench.specific_force
+    return _pose_minus(np.zeros_like(force), low, kinematics) - _pose_minus(force, low, kinematics)
+
+
 def accelerometer_residuals(
     recording: Recording, low: Filter, kinematics: Kinematics, wrench: Wrench, terms: dict
 ) -> dict[str, np.ndarray]:

@@ -20,6 +20,7 @@ ROWS, RATE = 1500, 50
 FORCE = (*vector("force", "specific_force", "specific force", "m/s^2")[::2],)
 ACCELEROMETER = vector("imu", "accelerometer", "accelerometer vs pose,", "m/s^2")[2]
 YAW_ACCELERATION = vector("moment", "angular_acceleration", "angular acceleration", "rad/s^2")[2]
+NONE = np.array([], int)
 VOLTAGE = Channel("motor", "voltage", "", "voltage", "V")
 
 
@@ -48,6 +49,7 @@ def search(
     steady: bool = False,
     scatter: float = 0.0,
     threshold: float = 30.0,
+    hidden: tuple[int, ...] = (),
 ) -> tuple[EquationTerm, ...]:
     """Search in unit noise plus a coefficient times a feature, a part of which is bias of the pipeline.
 
@@ -55,6 +57,7 @@ def search(
     steady: search for weaker terms that every part of the flight shows.
     scatter: standard deviation of the coefficient over the seconds, as a share of it.
     threshold: of the gain; that of a steady term is half.
+    hidden: channels whose size the commands leave open.
     """
     rng = np.random.default_rng(seed)
     own = quantities(rng)
@@ -67,7 +70,8 @@ def search(
     library = FeatureLibrary(
         ([own, own],), ([bias_gradient, np.zeros(count)],), [inflations, inflations], threshold, threshold / 2
     )
-    residual_models = (SimpleNamespace(channels=tuple(replace(channel, layer=layer) for channel in FORCE)),)
+    channels = tuple(replace(channel, layer=layer) for channel in FORCE)
+    residual_models = (SimpleNamespace(channels=channels, open_columns=np.array(hidden, int)),)
     return equation_search.search_equations(library, residual_models, [line_of(residual)], (np.ones(2),), steady=steady)
 
 
@@ -76,6 +80,10 @@ def test_a_planted_term_is_found_with_channel_feature_coefficient_and_unit():
     assert (term.channel.id, term.name) == ("specific_force_x", "|v_x| v_x")
     assert term.value == pytest.approx(0.05, abs=4 * term.error) and term.unit == "1/m"
     assert "1/m) |v_x| v_x" in equation_text.equation((term,)) and cause_layer((term,)) == "force"
+
+
+def test_a_channel_whose_size_the_commands_leave_open_shows_no_term():
+    assert search(0.05, hidden=(1,)) and not search(0.05, hidden=(0,))
 
 
 def test_the_largest_gain_wins_among_features_above_their_threshold_whatever_their_variance_inflation():
@@ -96,7 +104,7 @@ def test_an_axis_takes_the_tied_feature_of_another_axis_but_its_own_where_it_is_
         np.concatenate([v, speed[:, None] * v], axis=1),
     )
     library = FeatureLibrary(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0, 15.0)
-    noise, residual_models = rng.standard_normal((ROWS, 2)), (SimpleNamespace(channels=FORCE),)
+    noise, residual_models = rng.standard_normal((ROWS, 2)), (SimpleNamespace(channels=FORCE, open_columns=NONE),)
 
     def names(x: float, z: float) -> list[str]:
         line = line_of(noise + own.values[:, 2:] * [x, z])
@@ -173,7 +181,7 @@ def test_an_unknown_force_at_one_place_is_described_with_the_place(component, si
     own = [Features(some, kinds, np.column_stack([axes, thrust])) for some, axes in zip(names, turned, strict=True)]
     library = FeatureLibrary((own,), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 80.0, 40.0)
     recording, rows = SimpleNamespace(p_world=path), SimpleNamespace(rows=np.arange(ROWS))
-    (one,) = residual_models = (SimpleNamespace(channels=FORCE, recording=recording, filter=rows),)
+    (one,) = residual_models = (SimpleNamespace(channels=FORCE, recording=recording, filter=rows, open_columns=NONE),)
     noise, center, sigmas = 0.5 * rng.standard_normal((ROWS, 2)), np.array([8.0, 0.0, 0.0]), (np.full(2, 0.5),)
     weight = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
     force = size * (thrust if component == "thrust_z" else 1.0)

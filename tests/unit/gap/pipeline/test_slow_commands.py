@@ -11,7 +11,7 @@ import pytest
 from swift_ros import geometry
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap import api
-from swift_sim_bridge.gap.inference.row_sampling import with_fitted_rows, with_moment_spread
+from swift_sim_bridge.gap.inference.row_sampling import with_fitted_rows, with_rotor_spread
 from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants, with_effect_terms
 from swift_sim_bridge.gap.nominal.rotor_speed_model import with_modelled_rotor_speeds
 from swift_sim_bridge.gap.pipeline import references
@@ -99,6 +99,17 @@ def with_term(**term):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("size", [0.0, 0.3, 1.0])
+def test_noise_of_commands_that_moves_no_motor_is_no_effect_and_no_equation(size, monkeypatch):
+    """Before, a hover had another motor map, *confirmed*, and flights had moments that follow the attitude."""
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 12)
+    table = logged(10, noise=0.02, dense=flown(planted_flight.shipped(), size=size))
+    report = api.diagnose([table], planted_flight.shipped(), lambda text: None, validate=False).report
+    assert not report["findings"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.002, 0.02])
 @pytest.mark.parametrize(
     ("planted", "possible"),
     [
@@ -106,9 +117,9 @@ def with_term(**term):
         ({"rotor_gain": {"gain": [-0.05, -0.01, -0.03, -0.02]}}, {"rotor_gain"}),
     ],
 )
-def test_a_load_in_a_hover_is_no_loss_of_four_rotors_and_four_rotors_are_no_load(planted, possible, monkeypatch):
+def test_a_load_in_a_hover_is_no_loss_of_four_rotors_and_four_rotors_are_no_load(planted, possible, noise, monkeypatch):
     monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 12)
-    table = logged(10, noise=0.002, dense=flown(with_term(**planted), size=0.0))
+    table = logged(10, noise=noise, dense=flown(with_term(**planted), size=0.0))
     report = api.diagnose([table], planted_flight.shipped(), lambda text: None, validate=False).report
     assert report["findings"] and report["verdict"] != "unknown"
     for one in report["findings"]:
@@ -118,14 +129,14 @@ def test_a_load_in_a_hover_is_no_loss_of_four_rotors_and_four_rotors_are_no_load
 def test_noisy_commands_leave_the_size_of_the_moments_open():
     vehicle, lines = planted_flight.shipped(), []
     with jax.enable_x64(True):
-        one = with_moment_spread(model(logged(10, noise=0.05)), vehicle, lines.append)
+        one = with_rotor_spread(model(logged(10, noise=0.05)), vehicle, lines.append)
         inertia = tuple(effect for effect in effects_of(one) if effect.id == "inertia")
         variants = perturbed_variants(with_effect_terms(vehicle, inertia), inertia, central=False)
         size = [
             np.linalg.norm(linearise(one, variants, marginal).sensitivity[:, :, one.columns["moment"]], axis=1)
             for marginal in (False, True)
         ]
-    assert (np.array(one.moment_spread) > 0.1).tolist() == [True, True, False]
+    assert (np.array(one.rotor_spread.size[1:]) > 0.1).tolist() == [True, True, False]
     left = np.diag(size[1]) / np.diag(size[0])
     assert max(left[:2]) < 0.1
     (line,) = lines
@@ -136,5 +147,5 @@ def test_noisy_commands_leave_the_size_of_the_moments_open():
 def test_commands_that_explain_the_rotation_leave_little_open():
     lines = []
     with jax.enable_x64(True):
-        one = with_moment_spread(model(logged(5)), planted_flight.shipped(), lines.append)
-    assert 0.0 < max(one.moment_spread) < 0.05 and not lines and not one.recording.rejections
+        one = with_rotor_spread(model(logged(5)), planted_flight.shipped(), lines.append)
+    assert 0.0 < max(one.rotor_spread.size) < 0.05 and not lines and not one.recording.rejections
