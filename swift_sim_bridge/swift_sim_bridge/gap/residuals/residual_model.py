@@ -42,9 +42,8 @@ DEPENDS_ON = {  # by quantity or layer of a residual: the channels that may begi
 }
 
 
-MAX_COUNTED_SPREAD = (
-    0.1  # of the size of force or moments; a larger one shows no equation, and judges no moment of a repair
-)
+# Of the size of force or moments. Beyond it a channel shows no equation, and a moment does not judge a repair.
+MAX_COUNTED_SPREAD = 0.1
 UNLIMITED = 1e6  # standard deviations of the noise: a nuisance that the residuals do not limit
 
 
