@@ -108,8 +108,7 @@ def filtered_turn(recording: Recording, low: Filter, wrench: Wrench) -> np.ndarr
 
 def filtered_force(low: Filter, kinematics: Kinematics, wrench: Wrench) -> np.ndarray:
     """Return the specific force (b, m, 3) m/s^2 of b variants, body frame, filtered as that of the pose."""
-    force = wrench.specific_force
-    return _pose_minus(np.zeros_like(force), low, kinematics) - _pose_minus(force, low, kinematics)
+    return _in_body(_smooth_in_world(wrench.specific_force, low, kinematics), kinematics)
 
 
 def accelerometer_residuals(
@@ -139,7 +138,16 @@ def accelerometer_residuals(
 
 def _pose_minus(force, low: Filter, kinematics: Kinematics) -> np.ndarray:
     """Return the specific force of the pose minus another one (b, n, 3), low-passed: (b, m, 3) m/s^2, body frame."""
+    smooth = _smooth_in_world(force, low, kinematics)
+    return _in_body(kinematics.acceleration + [0.0, 0.0, GRAVITY] - smooth, kinematics)
+
+
+def _smooth_in_world(force, low: Filter, kinematics: Kinematics) -> np.ndarray:
+    """Return a specific force (b, n, 3) of the body frame, low-passed as that of the pose: (b, m, 3), world."""
     in_world = geometry.rotate(np.broadcast_to(kinematics.moving.q_world_body, (*force.shape[:-1], 4)), force)
-    difference = kinematics.acceleration + [0.0, 0.0, GRAVITY] - apply_to_batch(low.smooth_twice, in_world)
-    q_world_body = np.broadcast_to(kinematics.q_world_body, (*difference.shape[:-1], 4))
-    return geometry.rotate_inverse(q_world_body, difference)
+    return apply_to_batch(low.smooth_twice, in_world)
+
+
+def _in_body(in_world, kinematics: Kinematics) -> np.ndarray:
+    """Return vectors (b, m, 3) of the world in the body frame."""
+    return geometry.rotate_inverse(np.broadcast_to(kinematics.q_world_body, (*in_world.shape[:-1], 4)), in_world)
