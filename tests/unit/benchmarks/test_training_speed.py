@@ -1,5 +1,12 @@
 """Speed of the training: the shares of an update are what their parts take beyond one another."""
 
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from swift_ros import configuration
+from swift_ros.errors import UsageError
 from swift_sim_bridge.benchmarks import training_speed
 
 
@@ -24,3 +31,20 @@ def test_a_call_costs_processor_time_and_its_first_one_the_compilation_too():
 
     cost = training_speed.measure_call(work, rounds=3)
     assert len(calls) == 4 and 0 < cost.cpu_s < 0.2 * cost.compile_s
+
+
+def test_the_prototypes_epochs_are_measured_beside_the_settings_that_ship():
+    folder = configuration.configuration_folder()
+    vehicles, settings = zip(*training_speed.cases(folder).values(), strict=True)
+    assert vehicles[0] != vehicles[1] and vehicles[1] is vehicles[2]
+    shipped, _, prototype = (one.ppo for one in settings)
+    assert (prototype.epochs, prototype.minibatch) == (4, 2048)
+    assert replace(prototype, epochs=shipped.epochs, minibatch=shipped.minibatch) == shipped
+
+
+def test_the_speed_is_that_of_ppo(tmp_path):
+    folder = tmp_path / "config"
+    shutil.copytree(configuration.configuration_folder(), folder)
+    shutil.copy(folder / "trainings" / "from_nothing" / "3-races.yaml", folder / "training.yaml")
+    with pytest.raises(UsageError, match="training.yaml: .*'algorithm: ppo'"):
+        training_speed.cases(folder)

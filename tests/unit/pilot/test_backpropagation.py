@@ -10,7 +10,7 @@ import pytest
 from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.track import Track
-from swift_sim_bridge.benchmarks.training_speed import vehicles
+from swift_sim_bridge.benchmarks import physics_speed
 from swift_sim_bridge.pilot import backpropagation, export, job, learner
 from swift_sim_bridge.pilot.episodes.randomization import TICK
 from swift_sim_bridge.pilot.episodes.world import make_world
@@ -33,7 +33,7 @@ PLAN = Plan(10_000)
 @pytest.fixture(scope="module")
 def world():
     track, camera = (configuration.load(k, FOLDER / f"{n}.yaml") for k, n in ((Track, "track"), (Camera, "camera")))
-    simple = vehicles(FOLDER)["the paper's model"]  # compiles in half the time
+    simple = physics_speed.models(FOLDER)[0].vehicle  # the paper's compiles in half the time
     return make_world(track, simple, camera, SETTINGS.environment, SETTINGS.estimate_errors)
 
 
