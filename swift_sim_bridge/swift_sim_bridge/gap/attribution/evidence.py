@@ -66,6 +66,11 @@ class Evidence:
     physics: frozenset[str] = frozenset()
     cache: LinearisationCache = field(default_factory=LinearisationCache)
 
+    @property
+    def seconds(self) -> int:
+        """The whole seconds of the recordings."""
+        return sum(int(one.t[-1] - one.t[0]) for one in self.residual_models)
+
     def with_effect(self, effect: Effect, gains) -> "Evidence":
         """Return the evidence with one more effect.
 
@@ -135,6 +140,11 @@ class SelectedEffect:
         low, high = (mixture_quantile(share, weights / weights.sum(), means, errors) for share in (0.025, 0.975))
         ends = np.minimum(low, self.values), np.maximum(high, self.values)
         return np.clip(ends, *np.array([(one.low, one.high) for one in self.effect.parameters]).T)
+
+    def excludes_file(self, seconds: int) -> np.ndarray:
+        """Return for each parameter (k,) whether its 95 % interval excludes the value of the vehicle file."""
+        file, (low, high) = self.values - self.changes[self.effect.key], self.interval95(seconds)
+        return (file < low) | (file > high)
 
     def fitted_again(self, values: np.ndarray, covariance: np.ndarray) -> "SelectedEffect":
         """Return the effect with other values (k,) of its parameters and their covariance (k, k)."""

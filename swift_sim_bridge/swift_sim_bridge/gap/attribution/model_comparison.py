@@ -202,6 +202,12 @@ def is_physical(evidence: Evidence, effect: Effect, values: dict) -> bool:
     return all(inside) if effect.id in LOCATED_EFFECTS else any(inside)
 
 
+def places(effect: Effect) -> np.ndarray:
+    """Return which parameters (k,) of an effect say where it acts, in m: the file's values for them are no place."""
+    located = effect.id in LOCATED_EFFECTS
+    return np.array([located and parameter.unit == "m" for parameter in effect.parameters])
+
+
 def explain(
     evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: float, steady: bool = False
 ) -> Explanation:

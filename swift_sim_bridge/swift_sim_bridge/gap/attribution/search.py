@@ -163,19 +163,18 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
             certain = certain and model_comparison.changed_count(effect, vehicle, values, covariance) > 0
         if effect.id == "local_draught" and certain:
             certain = not may_be_thrust(evidence, vehicle, [effects[one] for one in keys], values)
-        found.append(
-            SelectedEffect(
-                effect=effect,
-                values=values[key],
-                covariance=widened_covariance(evidence, problem, effect, values, covariance),
-                significance=significance,
-                confounders=confounders,
-                changes=changes,
-                is_certain=certain and is_large(problem, others, key),
-                beside=lower_pack[key]
-                + rivals_beside(problem, keys, key, other_variants(keys, effects), parameter_steps((effect,))),
-            )
+        beside = rivals_beside(problem, keys, key, other_variants(keys, effects), parameter_steps((effect,)))
+        one = SelectedEffect(
+            effect=effect,
+            values=values[key],
+            covariance=widened_covariance(evidence, problem, effect, values, covariance),
+            significance=significance,
+            confounders=confounders,
+            changes=changes,
+            beside=lower_pack[key] + beside,
         )
+        shown = np.any(one.excludes_file(evidence.seconds) & ~model_comparison.places(effect))
+        found.append(replace(one, is_certain=bool(certain and shown and is_large(problem, others, key))))
     return found
 
 

@@ -246,8 +246,7 @@ def spans(evidence: Evidence) -> list[list[float]]:
 
 def parameters(selected: SelectedEffect, evidence: Evidence) -> dict:
     """Return value, unit and 95 % interval of each parameter of an effect, with the values of the repaired file."""
-    seconds = sum(int(residual_model.t[-1] - residual_model.t[0]) for residual_model in evidence.residual_models)
-    intervals, found = selected.interval95(seconds), {}
+    intervals, found = selected.interval95(evidence.seconds), {}
     for i, parameter in enumerate(selected.effect.parameters):
         found[parameter.name] = {
             "value": float(selected.values[i]),

@@ -1,5 +1,7 @@
 """What another effect may hide of an effect's size: intervals over all explanations; no flight is simulated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from linear_flight import problem_of
@@ -47,6 +49,13 @@ def test_after_another_fit_the_interval_reaches_the_same_value_of_the_file():
     one = SelectedEffect(DRAG, np.array([5.0]), 0.01 * np.eye(1), 9.0, {"drag": 0.6, "lift": 0.4}, CHANGE)
     low, high = one.fitted_again(np.array([4.0]), 0.01 * np.eye(1)).interval95(SECONDS)[:, 0]
     assert (low, high) == pytest.approx((3.0, 4.173), abs=1e-3)
+
+
+def test_the_value_of_the_file_may_be_the_true_one_where_another_effect_explains_as_much():
+    one = SelectedEffect(DRAG, np.array([5.0]), 0.01 * np.eye(1), 9.0, changes=CHANGE)
+    assert one.excludes_file(SECONDS).tolist() == [True]
+    beside = (Rival(0.2, np.array([-2.0]), np.array([0.2])),)
+    assert replace(one, beside=beside).excludes_file(SECONDS).tolist() == [False]
 
 
 @pytest.mark.parametrize(("weight", "low"), [(0.2, 3.793), (1e-3, 4.804)])
