@@ -36,7 +36,7 @@ def _add_policy_arguments(parser) -> None:
     parser.add_argument("--start-from", metavar="FILE|shipped", help=text)
     text = "a folder of `swiftros limit`: episodes start along its time-optimal lap, and leaving it costs"
     parser.add_argument("--guide", type=Path, metavar="DIR", help=text)
-    text = "another training.yaml, such as those of config/trainings; a folder: one training with each of its files"
+    text = "what is other than in training.yaml, as in config/trainings; a folder: one training with each of its files"
     parser.add_argument("--settings", type=Path, metavar="FILE|DIR", help=text)
 
 

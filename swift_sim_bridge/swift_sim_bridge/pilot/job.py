@@ -47,7 +47,7 @@ class TrainingOptions:
         interactions: length of the training; None: that of the settings.
         start_from: pilot.npz or pilot.onnx whose networks are the first, or SHIPPED; None: random networks.
         guide: folder of `swiftros limit` with the time-optimal lap; None: without.
-        settings: file in place of the folder's training.yaml; None: the folder's.
+        settings: file of what is other than in the folder's training.yaml, see `read_settings`; None: nothing.
     """
 
     folder: Path
@@ -125,8 +125,22 @@ class TrainingJob:
 
 
 def read_settings(folder: Path, file: Path | None = None) -> PolicySettings:
-    """Return section `policy` of a file, by default training.yaml in a configuration folder. Raises UsageError."""
-    return configuration.load_section(PolicySettings, file or folder / "training.yaml", "policy")
+    """Return section `policy` of training.yaml in a configuration folder, with what another file changes in it.
+
+    Sections of the file change the entries that they have, but its `rewards` are all rewards. For another algorithm
+    than PPO the `ppo` of training.yaml does not count. Raises UsageError.
+    """
+    shipped = folder / "training.yaml"
+    settings = configuration.load_section(PolicySettings, shipped, "policy")
+    if file is None:
+        return settings
+    content, changes = (configuration.read_section(one, "policy") for one in (shipped, file))
+    if changes.get("algorithm", "ppo") != "ppo":
+        content.pop("ppo", None)
+    for name, entries in changes.items():
+        is_part = isinstance(entries, dict) and isinstance(content.get(name), dict) and name != "rewards"
+        content[name] = content[name] | entries if is_part else entries
+    return configuration.build(PolicySettings, content, f"{file}, section 'policy'")
 
 
 def prepare(options: TrainingOptions) -> TrainingJob:

@@ -4,6 +4,7 @@ import shutil
 from dataclasses import replace
 
 import pytest
+import yaml
 
 from swift_ros import configuration
 from swift_ros.errors import UsageError
@@ -45,6 +46,9 @@ def test_the_prototypes_epochs_are_measured_beside_the_settings_that_ship():
 def test_the_speed_is_that_of_ppo(tmp_path):
     folder = tmp_path / "config"
     shutil.copytree(configuration.configuration_folder(), folder)
-    shutil.copy(folder / "trainings" / "from_nothing" / "3-races.yaml", folder / "training.yaml")
+    content = yaml.safe_load((folder / "training.yaml").read_text())
+    del content["policy"]["ppo"]
+    content["policy"]["algorithm"] = "backpropagation"
+    (folder / "training.yaml").write_text(yaml.safe_dump(content))
     with pytest.raises(UsageError, match="training.yaml: .*'algorithm: ppo'"):
         training_speed.cases(folder)
