@@ -1,4 +1,4 @@
-"""The picture of a training of the policy: its curves, and the lines flown in the last trial over the track."""
+"""The picture of a training of the policy: its curves, and the lines of the last trial over the time-optimal lap."""
 
 import math
 from pathlib import Path
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from swift_ros.track import Track
 from swift_sim_bridge.model_files.whole_file import replacing
 from swift_sim_bridge.pilot.episodes.randomization import TICK
+from swift_sim_bridge.pilot.episodes.time_optimal import Guide
 from swift_sim_bridge.pilot.trial import Trial
 from swift_sim_bridge.plots.curves import Curve, draw_curve
 from swift_sim_bridge.plots.track import PLANES, draw_gates
@@ -29,10 +30,11 @@ CURVES = (
     Curve("learning rate", {"learning_rate": ""}, scale="log"),
     Curve("interactions/s", {"steps_per_s": ""}, limits=(0.0, None)),
 )
-END_COLOR = "#cb181d"  # of a race that did not finish
+SHADED = 0.02, 1.0  # shares of the values between which colours differ: on the podium speed and thrust are far lower
+END_COLOR, LAP_COLOR = "#cb181d", "black"  # of a race that did not finish, and of the time-optimal lap
 
 
-def draw(path: Path, rows: list[dict], races: Trial, track: Track) -> None:
+def draw(path: Path, rows: list[dict], races: Trial, track: Track, guide: Guide | None = None) -> None:
     """Write the picture of a training (.png); the file is replaced at once or not at all.
 
     Args:
@@ -40,9 +42,10 @@ def draw(path: Path, rows: list[dict], races: Trial, track: Track) -> None:
         rows: of the log, the last one of `races`.
         races: the last trial.
         track: of the races.
+        guide: the time-optimal lap that the training follows, None without one.
     """
-    figure = Figure(figsize=(16, 9), layout="constrained")
-    left, right = figure.add_gridspec(1, 2)
+    figure = Figure(figsize=(20, 9), layout="constrained")
+    left, right = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.6))
     shown = [curve for curve in CURVES if any(key in row for key in curve.keys for row in rows)]
     grid = left.subgridspec(math.ceil(len(shown) / 2), 2)
     millions = np.array([1e-6 * row["interactions"] for row in rows])
@@ -52,36 +55,48 @@ def draw(path: Path, rows: list[dict], races: Trial, track: Track) -> None:
         draw_curve(axes, rows, millions, curve)
         if number >= len(shown) - 2:
             axes.set_xlabel("million interactions", fontsize="small")
-    lines, unfinished = np.asarray(races.lines, float), np.asarray(races.passage_ticks)[:, -1] < 0
-    views = [figure.add_subplot(half) for half in right.subgridspec(2, 1)]
-    colored = None
-    for axes, (i, j, horizontal, vertical, title) in zip(views, PLANES, strict=True):
-        colored = _draw_lines(axes, lines[..., [i, j]], lines)
-        draw_gates(axes, track, i, j)
-        ends = np.asarray(races.end)[unfinished]
-        axes.scatter(ends[:, i], ends[:, j], marker="x", color=END_COLOR, zorder=6)
-        axes.set(xlabel=horizontal, ylabel=vertical, title=title, aspect="equal")
-        axes.grid(alpha=0.3)
-    if colored is not None:
-        figure.colorbar(colored, ax=views, label="speed [m/s]", shrink=0.8)
+    unfinished = np.asarray(races.passage_ticks)[:, -1] < 0
+    _draw_views(figure, right, races, track, guide)
     last = rows[-1]
     ended = f"; x: end of the {unfinished.sum()} that did not finish" if unfinished.any() else ""
+    ended += "; black: the time-optimal lap" if guide else ""
     figure.suptitle(
         f"{track.name}, {last['interactions'] / 1e6:.2f} million interactions: {100 * last['finish_rate']:.0f} % of "
-        f"{len(unfinished)} trial races finished; lines of {len(lines)} of them{ended}",
+        f"{len(unfinished)} trial races finished; lines of {len(races.lines)} of them{ended}",
         fontsize="medium",
     )
     with replacing(path) as partial:
         figure.savefig(partial, format="png", dpi=90)
 
 
-def _draw_lines(axes, points, positions):
-    """Draw lines (n, ticks, 2), coloured by the speed along positions (n, ticks, 3), and return them."""
+def _draw_views(figure: Figure, place, races: Trial, track: Track, guide: Guide | None) -> None:
+    """Draw the lines from above and from the side, on the left coloured by speed, on the right by thrust."""
+    lines, ends = np.asarray(races.lines, float), np.asarray(races.end)[np.asarray(races.passage_ticks)[:, -1] < 0]
+    speed = np.linalg.norm(np.diff(lines, axis=1), axis=-1) / TICK
+    shades = {"speed [m/s]": speed, "thrust of the rotors [N]": np.asarray(races.thrusts, float)[:, 1:]}
+    grid = place.subgridspec(2, 2, height_ratios=(2.0, 1.0))
+    for column, (label, shade) in enumerate(shades.items()):
+        views = [figure.add_subplot(grid[row, column]) for row in range(2)]
+        for axes, (i, j, horizontal, vertical, title) in zip(views, PLANES, strict=True):
+            colored = _draw_lines(axes, lines[..., [i, j]], shade)
+            for way in np.split(np.asarray(guide.points), 2, axis=1) if guide else ():
+                axes.plot(way[..., i].T, way[..., j].T, color=LAP_COLOR, linewidth=0.8, zorder=3)
+            draw_gates(axes, track, i, j)
+            axes.scatter(ends[:, i], ends[:, j], marker="x", color=END_COLOR, zorder=6)
+            axes.set(xlabel=horizontal, ylabel=vertical, title=title, aspect="equal")
+            axes.grid(alpha=0.3)
+        figure.colorbar(colored, ax=views, label=label, location="bottom", shrink=0.8)
+
+
+def _draw_lines(axes, points, shade):
+    """Draw lines (n, ticks, 2), coloured by the values (n, ticks - 1) of a shade, and return them."""
     pieces = np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 2)
-    speed = np.linalg.norm(np.diff(positions, axis=1), axis=-1).ravel() / TICK
-    flown = np.isfinite(speed)
+    shade = shade.ravel()
+    flown = np.isfinite(shade) & np.isfinite(pieces).all(axis=(1, 2))
     lines = LineCollection(list(pieces[flown]), cmap="viridis", linewidth=0.9, alpha=0.8, zorder=2)
-    lines.set_array(speed[flown])
+    lines.set_array(shade[flown])
+    if flown.any():
+        lines.set_clim(*np.quantile(shade[flown], SHADED))
     axes.add_collection(lines)
     axes.autoscale_view()
     return lines

@@ -93,7 +93,7 @@ def _conclude(job: TrainingJob, training: Training, rows: list[dict], figures: d
         job.export(training.networks, result)
     rows.append(result)
     training_log.append(job.out / LOG, result)
-    return job.out / PICTURE, list(rows), races, job.track
+    return job.out / PICTURE, list(rows), races, job.track, job.world.guide
 
 
 def _before_a_trial(job: TrainingJob, training: Training) -> tuple:

@@ -25,12 +25,14 @@ class Trial(NamedTuple):
         margins: (n, passages) m, hull to inner edge; NaN where a gate was not passed.
         end: (n, 3) m, position where the race ended.
         lines: (k, ticks, 3) m, positions; NaN after the end.
+        thrusts: (k, ticks) N, static thrust of all rotors of the vehicle file at their speeds, along the lines.
     """
 
     passage_ticks: jnp.ndarray
     margins: jnp.ndarray
     end: jnp.ndarray
     lines: jnp.ndarray
+    thrusts: jnp.ndarray
 
 
 def fly(world, actor, key, *, races: int, difficulty, by: Disturbance = UNDISTURBED) -> Trial:
@@ -43,11 +45,11 @@ def fly(world, actor, key, *, races: int, difficulty, by: Disturbance = UNDISTUR
     rows, kept = jnp.arange(races), min(LINES, races)
 
     def continues(carry):
-        tick, _, active, _, _, _ = carry
+        tick, _, active, *_ = carry
         return (tick < MAX_RACE_TICKS) & jnp.any(active)
 
     def fly_tick(carry):
-        tick, agents, active, times, margins, lines = carry
+        tick, agents, active, times, margins, shown = carry
         observation, _ = environment.observations(world, agents)
         action = jnp.clip(networks.apply(actor, observation), -1.0, 1.0)
         moved, outcome = environment.step(world, agents, action, innovations[tick], {"progress": 0.0})
@@ -56,17 +58,19 @@ def fly(world, actor, key, *, races: int, difficulty, by: Disturbance = UNDISTUR
         times = times.at[rows, column].set(tick + 1, mode="drop")
         margins = margins.at[rows, column].set(outcome.margin, mode="drop")
         agents = starts.choose(active, moved, agents)
-        shown = jnp.where(active[:kept, None], moved.flight.state.p_world[:kept], jnp.nan)
-        lines = lines.at[:, tick].set(shown)
+        state = moved.flight.state
+        thrust = jnp.sum(world.parameters.rotors.thrust_coefficient * state.rotor_speed[:kept] ** 2, axis=-1)
+        now = jnp.concatenate([state.p_world[:kept], thrust[:, None]], axis=-1)
+        shown = shown.at[:, tick].set(jnp.where(active[:kept, None], now, jnp.nan))
         active = active & ~outcome.done & (moved.passages < world.passages)
-        return tick + 1, agents, active, times, margins, lines
+        return tick + 1, agents, active, times, margins, shown
 
     times = jnp.full((races, world.passages), -1, jnp.int32)
     margins = jnp.full((races, world.passages), jnp.nan, jnp.float32)
-    lines = jnp.full((kept, MAX_RACE_TICKS, 3), jnp.nan, jnp.float32)
-    carry = (0, agents, jnp.ones((races,), bool), times, margins, lines)
-    _, agents, _, times, margins, lines = jax.lax.while_loop(continues, fly_tick, carry)
-    return Trial(times, margins, agents.flight.state.p_world, lines)
+    shown = jnp.full((kept, MAX_RACE_TICKS, 4), jnp.nan, jnp.float32)  # position and thrust
+    carry = (0, agents, jnp.ones((races,), bool), times, margins, shown)
+    _, agents, _, times, margins, shown = jax.lax.while_loop(continues, fly_tick, carry)
+    return Trial(times, margins, agents.flight.state.p_world, shown[..., :3], shown[..., 3])
 
 
 def compile_races(world, races: int):

@@ -20,6 +20,7 @@ from swift_sim_bridge.model_files import checkpoint, sittings
 from swift_sim_bridge.pilot import export, job, learner, networks, ppo, trial
 from swift_sim_bridge.pilot import train as training
 from swift_sim_bridge.pilot.episodes import environment
+from swift_sim_bridge.pilot.episodes.time_optimal import Guide
 from swift_sim_bridge.pilot.settings import Plan, schedule_at, share_at
 
 
@@ -128,25 +129,45 @@ def test_progress_along_a_lap_that_is_not_given_is_refused(tiny_configuration, t
         train(tiny_configuration, tmp_path / "out")
 
 
-def test_the_picture_has_the_curves_the_lines_and_the_ends_of_crashed_races(tmp_path, draw_picture):
+@pytest.fixture
+def drawn(tmp_path, draw_picture):
+    """Return a function: ticks of passages (2, 22), a guide -> the picture of a training, in blue, green and red."""
     track = configuration.load(Track, FOLDER / "track.yaml")
-    lines = np.full((2, 50, 3), np.nan)
-    lines[:, :40] = np.linspace(track.start, track.positions[0], 40)
-    ticks = np.full((2, 22), -1)
-    ticks[0] = np.arange(22)
+    lines, thrusts = np.full((2, 50, 3), np.nan), np.full((2, 50), np.nan)
+    lines[:, :40], thrusts[:, :40] = np.linspace(track.start, track.positions[0], 40), np.linspace(10.0, 35.0, 40)
     rows = [{"interactions": 0, "finish_rate": 0.0, "median_lap_s": float("nan")}]
     rows += [{"interactions": 10**6, "finish_rate": 0.5, "median_lap_s": 6.2, "kl": 0.01, "learning_rate": 1e-4}]
 
-    def red_pixels(passage_ticks):
-        path = tmp_path / "progress.png"
-        draw_picture(path, rows, trial.Trial(passage_ticks, np.zeros((2, 22)), lines[:, 39], lines), track)
-        image = cv2.imread(str(path)).astype(int)
-        assert image.shape == (810, 1440, 3)
-        assert np.sum(np.abs(image - (148, 87, 51)).sum(axis=-1) < 60) > 20  # viridis, of the lines
-        return np.sum(np.abs(image - (29, 24, 203)).sum(axis=-1) < 30)
+    def draw(passage_ticks, guide=None):
+        path, margins = tmp_path / "progress.png", np.zeros((2, 22))
+        draw_picture(path, rows, trial.Trial(passage_ticks, margins, lines[:, 39], lines, thrusts), track, guide)
+        assert list(tmp_path.iterdir()) == [path]
+        return cv2.imread(str(path)).astype(int)
 
-    assert red_pixels(ticks) > red_pixels(np.tile(np.arange(22), (2, 1))) + 10
-    assert list(tmp_path.iterdir()) == [tmp_path / "progress.png"]
+    return draw
+
+
+def pixels(image, color, within) -> int:
+    return np.sum(np.abs(image - color).sum(axis=-1) < within)
+
+
+FINISHED = np.tile(np.arange(22), (2, 1))
+
+
+def test_the_picture_has_the_curves_the_lines_and_the_ends_of_crashed_races(drawn):
+    image, one_crashed = drawn(FINISHED), np.where([[False], [True]], -1, FINISHED)
+    assert image.shape == (810, 1800, 3)
+    for half in np.array_split(image[:, 700:], 2, axis=1):  # by speed and by thrust
+        assert pixels(half, (148, 87, 51), 60) > 20  # viridis, of the lines
+    red = (29, 24, 203)
+    assert pixels(drawn(one_crashed), red, 30) > pixels(image, red, 30) + 20
+
+
+def test_the_picture_has_the_time_optimal_lap_that_the_training_follows(drawn):
+    angle = np.linspace(0.0, 2.0 * np.pi, 8 * 20).reshape(8, 20)
+    circle = np.stack([6.0 * np.cos(angle), 6.0 * np.sin(angle), 2.0 + 0.0 * angle], axis=-1)
+    guide = Guide(circle, circle, circle, angle, {})
+    assert pixels(drawn(FINISHED, guide), (0, 0, 0), 90) > pixels(drawn(FINISHED), (0, 0, 0), 90) + 300
 
 
 def test_an_unreadable_checkpoint_is_refused_in_one_sentence(tiny_configuration, tmp_path):

@@ -53,7 +53,7 @@ def test_an_episode_begins_with_the_disturbance(world):
 def test_the_first_row_is_flown_without_errors_and_each_other_one_with_another_disturbance(repository, monkeypatch):
     flown, races = [], 3
     ticks = np.broadcast_to(np.arange(1, 23) * 90, (races, 22))
-    found = trial.Trial(ticks, np.full((races, 22), 0.2), np.zeros((races, 3)), np.zeros((1, 1, 3)))
+    found = trial.Trial(ticks, np.full((races, 22), 0.2), np.zeros((races, 3)), np.zeros((1, 1, 3)), np.zeros((1, 1)))
 
     def compile_races(world, races):
         return lambda actor, key, difficulty, by: flown.append((float(difficulty), by)) or found

@@ -32,7 +32,7 @@ def test_a_training_that_begins_with_the_shipped_pilot_first_learns_a_critic_alo
         if path.name == "training.npz":
             saved.append(jax.tree.map(np.asarray, tree.networks))
 
-    def draw(path, rows, races, track):
+    def draw(path, rows, races, track, guide):
         if len(rows) == 1:
             (out / "first.onnx").write_bytes((out / "pilot.onnx").read_bytes())
             draw_picture(path, rows, races, track)

@@ -10,7 +10,8 @@ def test_trials_count_laps_from_gate_one_to_gate_one():
     ticks = np.full((2, 22), -1)
     ticks[0] = 80 + 90 * np.arange(22)
     ticks[1, :9] = 80 + 100 * np.arange(9)
-    figures = trial.figures(trial.Trial(ticks, np.full((2, 22), 0.3), np.zeros((2, 3)), np.zeros((2, 9, 3))), 7)
+    margins, lines = np.full((2, 22), 0.3), np.zeros((2, 9, 3))
+    figures = trial.figures(trial.Trial(ticks, margins, lines[:, 0], lines, lines[..., 0]), 7)
     assert figures["races"] == 2
     assert figures["finish_rate"] == 0.5 and figures["median_race_s"] == pytest.approx(19.7)
     assert figures["best_lap_s"] == pytest.approx(6.3) and figures["median_lap_s"] == pytest.approx(6.3)
