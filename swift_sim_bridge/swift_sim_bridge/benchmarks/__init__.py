@@ -6,6 +6,8 @@ race_player              replays odometry and service calls of a recorded race
 physics_speed            speed of the physics
 physics_rivals           speed of other simulators
 training_speed           speed of the policy's training
+estimate_errors          errors of the state estimate in recorded flights
+command_delay            time from a state to its command in force, in recorded flights
 vehicle_figures          operating points and races compared with the paper's vehicle
 firmware_sequences       inputs for simulated and real firmware
 firmware_runs            runs of the real firmware

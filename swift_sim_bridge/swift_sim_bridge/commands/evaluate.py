@@ -66,7 +66,8 @@ def _add_vehicle(kinds) -> None:
 
 
 def _add_estimate(kinds) -> None:
-    kind = kinds.add_parser("estimate", help="errors of the state estimate in races, for the training of a pilot")
+    text = "errors of the state estimate and delay of commands in races, for the training of a pilot"
+    kind = kinds.add_parser("estimate", help=text)
     kind.add_argument("races", nargs="+", type=Path, metavar="DIR", help="what `swiftros race` wrote")
     kind.set_defaults(run=run_estimate)
 
@@ -208,16 +209,20 @@ def run_vehicle(arguments) -> int:
 
 
 def run_estimate(arguments) -> int:
-    """Print the section `estimate_errors` of training.yaml. Returns 0. Raises UsageError on bad input."""
+    """Print a settings file of `swiftros train policy`. Returns 0. Raises UsageError on bad input."""
     import yaml
 
     from swift_ros import configuration
-    from swift_sim_bridge.benchmarks import estimate_errors
+    from swift_sim_bridge.benchmarks import command_delay, estimate_errors
 
     bags = [bag for folder in arguments.races for bag in _bags(folder)]
-    errors = estimate_errors.measure(bags)
-    print(f"# of {len(bags)} races, for section 'policy' of training.yaml")
-    print(yaml.safe_dump({"estimate_errors": configuration.content(errors)}, sort_keys=False), end="")
+    found = {"estimate_errors": configuration.content(estimate_errors.measure(bags))}
+    print(f"# of {len(bags)} races; a file for `swiftros train policy --settings`, or lines of training.yaml")
+    if delay_s := command_delay.measure(bags):
+        found["environment"] = {"command_delay_s": delay_s}
+    else:
+        print("# commands take no time in lockstep; races in real time show environment.command_delay_s, too")
+    print(yaml.safe_dump({"policy": found}, sort_keys=False), end="")
     return 0
 
 
