@@ -169,7 +169,8 @@ def _steps(bench: Bench, training):
     action, still = jnp.zeros_like(training.agents.previous_action), jnp.zeros_like(training.agents.error)
 
     def tick(agents, _):
-        return environment.step(bench.world, agents, action, still, scales)
+        moved, outcome = environment.step(bench.world, agents, action, still, scales)
+        return moved, outcome._replace(terms={})
 
     return jax.lax.scan(tick, training.agents, None, length=bench.settings.steps)
 

@@ -71,11 +71,13 @@ def cost(world, settings: PolicySettings, schedule: Schedule, actor, key, races:
         moved, outcome = environment.step(world, agents, action, innovation, schedule.rewards, schedule.guide_reach_m)
         crashed, ended = untouched & outcome.crashed, outcome.missed | (outcome.done & ~outcome.crashed)
         happened = jnp.stack([outcome.reward, outcome.passed, crashed, outcome.missed]) * flies
-        return (starts.choose(flies, moved, agents), flies & ~ended, untouched & ~crashed), (happened, flies)
+        terms = {name: jax.lax.stop_gradient(jnp.sum(term * flies)) for name, term in outcome.terms.items()}
+        return (starts.choose(flies, moved, agents), flies & ~ended, untouched & ~crashed), (happened, terms, flies)
 
     # Checkpointed: what is kept of a tick is its state, from which the way back computes the rest again.
     carry = (agents, jnp.ones(races, bool), jnp.ones(races, bool))
-    _, (happened, flew) = jax.lax.scan(jax.checkpoint(tick), carry, innovations)
+    _, (happened, terms, flew) = jax.lax.scan(jax.checkpoint(tick), carry, innovations)
     sums, names = jnp.sum(happened, axis=(0, 2)), ("reward", "passages", "crashes", "misses")
+    totals = dict(zip(names, sums, strict=True)) | {f"{name}_reward": jnp.sum(term) for name, term in terms.items()}
     flown_s = TICK * jnp.sum(flew)
-    return -sums[0] / races, {f"{name}_per_s": total / flown_s for name, total in zip(names, sums, strict=True)}
+    return -sums[0] / races, {f"{name}_per_s": total / flown_s for name, total in totals.items()}

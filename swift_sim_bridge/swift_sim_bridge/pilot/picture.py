@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from swift_ros.track import Track
 from swift_sim_bridge.model_files.whole_file import replacing
 from swift_sim_bridge.pilot.episodes.randomization import TICK
+from swift_sim_bridge.pilot.episodes.rewards import TERMS
 from swift_sim_bridge.pilot.episodes.time_optimal import Guide
 from swift_sim_bridge.pilot.trial import Trial
 from swift_sim_bridge.plots.curves import Curve, draw_curve
@@ -18,8 +19,13 @@ from swift_sim_bridge.plots.track import PLANES, draw_gates
 
 matplotlib.use("Agg")
 
+PROGRESS = "progress", "pace"  # terms of the reward that are many times larger than the others
 CURVES = (
     Curve("reward per second of flight", {"reward_per_s": ""}),
+    Curve(
+        f"the same: terms but {' and '.join(PROGRESS)}",
+        {f"{name}_reward_per_s": name.replace("_", " ") for name in TERMS if name not in PROGRESS},
+    ),
     Curve("trial races finished [%]", {"finish_rate": ""}, factor=100.0, limits=(-3.0, 103.0)),
     Curve("lap [s]", {"median_lap_s": "median", "best_lap_s": "best"}),
     Curve("gates passed in a trial race (mean)", {"passages": ""}, limits=(0.0, None)),

@@ -39,7 +39,7 @@ class Batch(NamedTuple):
         unclipped_action: mean of the policy plus exploration noise.
         noise: standard normal, the exploration in units of sigma.
         value: the critic's, before the tick.
-        outcome: what the tick ended in.
+        outcome: what the tick ended in; the terms of its reward are means over the agents, (steps,).
     """
 
     observation: jnp.ndarray
@@ -108,6 +108,7 @@ def roll_out(world, settings: PolicySettings, plan: Plan, training: Training, ke
         # Another part of the pool in each tick: an agent that crashes again does not start again in the same state.
         fresh = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, number, n), pool)
         agents = starts.choose(outcome.done | outcome.timeout, fresh, moved)
+        outcome = outcome._replace(terms=jax.tree.map(jnp.mean, outcome.terms))
         return (agents, earned), Batch(observation, unclipped, noise, value, outcome)
 
     carry = (training.agents, starts.nothing_earned(training.bank, n))
@@ -236,7 +237,7 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
     learning_rate = jnp.maximum(factor * learning_rate, MIN_LEARNING_RATE)
     happened = batch.outcome
     events = {"crashes": happened.crashed, "misses": happened.missed, "passages": happened.passed}
-    events |= {"reward": happened.reward}
+    events |= {"reward": happened.reward} | {f"{name}_reward": term for name, term in happened.terms.items()}
     figures = {f"{name}_per_s": mean_over_devices(jnp.mean(each) / TICK) for name, each in events.items()} | {
         "kl": divergence,
         "learning_rate": learning_rate,

@@ -112,9 +112,11 @@ def _print_progress(job: TrainingJob, rows: list[dict], speed: float) -> None:
         f"{last['interactions'] / 1e6:.1f} of {job.end / 1e6:.1f} M  {speed:.0f} interactions/s  "
         f"{remaining_min:.0f} min left  {describe(last, job.lap_limit_s)}  crashes {last['crashes_per_s']:.2f} /s  "
         f"difficulty {last['difficulty']:.2f}  best: {100 * best['finish_rate']:.0f} % in {best['median_lap_s']:.2f} s "
-        f"at {best['interactions'] / 1e6:.1f} M{lost}",
-        flush=True,
+        f"at {best['interactions'] / 1e6:.1f} M{lost}"
     )
+    terms = {name: last[f"{name}_reward_per_s"] for name in job.settings.rewards}
+    text = ", ".join(f"{name} {terms[name]:+.3g}" for name in sorted(terms, key=lambda name: -abs(terms[name])))
+    print(f"    reward {last['reward_per_s']:.2f} /s: {text}", flush=True)
 
 
 def confirm(job: TrainingJob, networks: dict, seed: int) -> dict:

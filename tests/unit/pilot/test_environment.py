@@ -141,7 +141,8 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
     assert set(expected) == set(rewards.TERMS)
     for name, value in expected.items():
         assert float(rewards.TERMS[name](moment)[0]) == pytest.approx(value, abs=1e-6), name
-    assert float(rewards.total(moment, {"progress": 2.0, "crash": 5.0})[0]) == pytest.approx(0.4 - 5.0)
+    weighted = rewards.weighted(moment, {"progress": 2.0, "crash": 5.0})
+    assert {name: float(term[0]) for name, term in weighted.items()} == {"progress": pytest.approx(0.4), "crash": -5.0}
 
 
 def test_the_risk_has_the_same_slope_on_both_sides_of_a_frame_and_of_the_ground():

@@ -123,6 +123,22 @@ def test_a_training_whose_randomisation_begins_at_its_end_stays_without():
         assert schedule_at(settings, Plan(settings.interactions), updates).difficulty == 0.0
 
 
+@pytest.mark.parametrize("algorithm", ["ppo", pytest.param("backpropagation", marks=pytest.mark.slow)])
+def test_terms_of_the_reward_are_logged_and_printed_and_add_up_to_it(tiny_configuration, tmp_path, algorithm, capsys):
+    content = yaml.safe_load((tiny_configuration / "training.yaml").read_text())
+    rewards = {"progress": [1.0, 1.0], "rates": [1e-3, 1e-3], "smoothness": [0.1, 0.1]}
+    content["policy"] |= {"rewards": rewards, "algorithm": algorithm, "interactions": 64}
+    if algorithm == "backpropagation":
+        del content["policy"]["ppo"]
+    (tiny_configuration / "training.yaml").write_text(yaml.safe_dump(content))
+    assert train(tiny_configuration, tmp_path / "out") == 0
+    row = log_of(tmp_path / "out")[-1]
+    terms = {name: row[f"{name}_reward_per_s"] for name in rewards}
+    assert row["reward_per_s"] == pytest.approx(sum(terms.values()), rel=1e-4) and terms["rates"] < 0.0
+    printed = capsys.readouterr().out
+    assert f"reward {row['reward_per_s']:.2f} /s: " in printed and f"rates {terms['rates']:+.3g}" in printed
+
+
 def test_progress_along_a_lap_that_is_not_given_is_refused(tiny_configuration, tmp_path):
     rewrite(tiny_configuration, "policy", rewards={"pace": [13.0, 13.0]})
     with pytest.raises(UsageError, match="reward 'pace' of .* and give its --out as --guide"):
@@ -221,7 +237,7 @@ def test_the_exported_actor_gives_the_actions_of_the_trained_one(tmp_path):
 def test_advantages_end_at_a_crash_and_continue_after_a_timeout():
     settings = ppo.own_settings(job.read_settings(FOLDER))
     flags = {name: jnp.zeros((3, 1), bool) for name in ("done", "timeout", "passed", "crashed", "missed")}
-    outcome = environment.Outcome(reward=jnp.ones((3, 1)), margin=jnp.zeros((3, 1)), **flags)
+    outcome = environment.Outcome(reward=jnp.ones((3, 1)), terms={}, margin=jnp.zeros((3, 1)), **flags)
     values, last = jnp.full((3, 1), 2.0), jnp.array([7.0])
     reward, discount = settings.reward_scale, settings.discount
 

@@ -35,7 +35,7 @@ def test_a_training_that_begins_with_the_shipped_pilot_first_learns_a_critic_alo
     def draw(path, rows, races, track, guide):
         if len(rows) == 1:
             (out / "first.onnx").write_bytes((out / "pilot.onnx").read_bytes())
-            draw_picture(path, rows, races, track)
+            draw_picture(path, rows, races, track, guide)
 
     monkeypatch.setattr(training.checkpoint, "save", keep)
     monkeypatch.setattr(training.picture, "draw", draw)
@@ -45,7 +45,7 @@ def test_a_training_that_begins_with_the_shipped_pilot_first_learns_a_critic_alo
     before, after = (Actor(path) for path in (shipped, out / "first.onnx"))
     np.testing.assert_array_equal([after.act(row) for row in inputs], [before.act(row) for row in inputs])
 
-    assert cv2.imread(str(out / "progress.png")).shape == (810, 1440, 3)
+    assert cv2.imread(str(out / "progress.png")).shape == (810, 1800, 3)
     actor = export.read_actor(shipped, saved[0]["actor"])
     assert [same(actor, networks["actor"]) for networks in saved] == [True, True, False]
     assert not same(saved[0]["critic"], saved[1]["critic"])

@@ -74,6 +74,7 @@ class Outcome(NamedTuple):
 
     Attributes:
         reward: of the step.
+        terms: of the reward, by name.
         done: the episode ended as crashed, missed or stuck.
         timeout: the episode ran out of time.
         passed: the next gate was passed.
@@ -83,6 +84,7 @@ class Outcome(NamedTuple):
     """
 
     reward: jnp.ndarray
+    terms: dict[str, jnp.ndarray]
     done: jnp.ndarray
     timeout: jnp.ndarray
     passed: jnp.ndarray
@@ -265,8 +267,10 @@ def step(
         since_passage=since_passage,
         passages=agents.passages + verdict.passed,
     )
+    terms = rewards.weighted(moment, scales)
     outcome = Outcome(
-        reward=rewards.total(moment, scales),
+        reward=sum(terms.values()),
+        terms=terms,
         done=done,
         timeout=timeout & ~done,
         passed=verdict.passed,

@@ -123,9 +123,9 @@ TERMS = {term.__name__: term for term in _TERMS}
 NEED_GUIDE = (pace.__name__, thrust_direction.__name__)  # without one they reward nothing, and the training misses them
 
 
-def total(moment: Moment, scales: dict) -> Any:
-    """Return the reward (n,): the sum of the terms named in `scales`, each times its scale."""
-    return sum(scale * TERMS[name](moment) for name, scale in scales.items())
+def weighted(moment: Moment, scales: dict) -> dict[str, Any]:
+    """Return the terms (n,) named in `scales`, each times its scale; their sum is the reward."""
+    return {name: scale * TERMS[name](moment) for name, scale in scales.items()}
 
 
 def distance_to_opening(p_gate, half_width: float):
