@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+MOST_INSIDE = 4  # labels of a legend inside the axes; more stand below
 HEADROOM = 1.1  # of an axis from a given lowest value, above the largest value
 
 
@@ -49,5 +50,7 @@ def draw_curve(axes, rows: list[dict], x, curve: Curve) -> None:
         axes.set_ylim(low, high or HEADROOM * highest or 1.0)
     axes.tick_params(labelsize="small")
     axes.grid(alpha=0.3)
-    if axes.get_legend_handles_labels()[0]:
+    if (count := len(axes.get_legend_handles_labels()[0])) > MOST_INSIDE:
+        axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4, frameon=False)
+    elif count:
         axes.legend(fontsize="x-small", loc="best")
