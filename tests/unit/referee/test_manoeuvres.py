@@ -35,7 +35,7 @@ def test_a_finding_of_the_report_has_id_and_duration_of_the_manoeuvre(name):
     ambiguous = SelectedEffect(
         effect, np.array([3.0]), np.eye(1), 9.0, {effect.key: 0.5, "wind": 0.5}, {effect.key: np.array([3.0])}
     )
-    evidence = SimpleNamespace(residual_models=[SimpleNamespace(channels=(), t=np.arange(9.0))])
+    evidence = SimpleNamespace(residual_models=[SimpleNamespace(channels=(), t=np.arange(9.0))], seconds=8)
     proposed = proposals.SeparatingManoeuvre(proposals.Manoeuvre(name, 15.0), 7.2)
     for manoeuvre, expected in ((proposed, (name, 15.0)), (None, None)):
         finding = content.finding(ambiguous, evidence, {effect.key: manoeuvre})
