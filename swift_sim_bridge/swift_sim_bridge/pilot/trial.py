@@ -85,6 +85,11 @@ def compile_races(world, races: int):
     return lambda actor, key, difficulty, by=UNDISTURBED: compiled(actor, key, difficulty, by)
 
 
+def joined(trials: list[Trial]) -> Trial:
+    """Return trials as one."""
+    return jax.tree.map(lambda *parts: np.concatenate(parts), *trials)
+
+
 def figures(trial: Trial, gates: int) -> dict:
     """Return the figures of a trial.
 

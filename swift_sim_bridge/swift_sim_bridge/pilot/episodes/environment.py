@@ -269,7 +269,7 @@ def step(
     )
     terms = rewards.weighted(moment, scales)
     outcome = Outcome(
-        reward=sum(terms.values()),
+        reward=sum(terms.values(), jnp.zeros(())),
         terms=terms,
         done=done,
         timeout=timeout & ~done,
