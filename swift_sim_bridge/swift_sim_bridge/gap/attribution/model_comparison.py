@@ -278,9 +278,14 @@ def _bias_gains(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], val
     return float(np.sign(-change @ bias) * max(abs(2.0 * change @ bias) - alone, 0.0)), float(alone)
 
 
+def channel_squares(evidence: Evidence, lines) -> np.ndarray:
+    """Return the sum of squares (c,) of the residuals of each channel, in independent samples."""
+    return sum(np.sum((line.residual / sigma) ** 2, axis=0) for line, sigma in zip(lines, evidence.sigmas, strict=True))
+
+
 def normalised_squares(evidence: Evidence, lines) -> float:
-    """Return the sum of squares of the residuals, in independent samples."""
-    return float(sum(np.sum((line.residual / sigma) ** 2) for line, sigma in zip(lines, evidence.sigmas, strict=True)))
+    """Return the same of all channels."""
+    return float(np.sum(channel_squares(evidence, lines)))
 
 
 def penalised_squares(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> float:

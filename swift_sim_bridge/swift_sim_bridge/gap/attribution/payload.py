@@ -16,7 +16,12 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
     selection_problem_at,
     with_effects,
 )
-from swift_sim_bridge.gap.attribution.model_comparison import PARAMETER_PENALTY, is_physical, penalised_squares
+from swift_sim_bridge.gap.attribution.model_comparison import (
+    PARAMETER_PENALTY,
+    channel_squares,
+    is_physical,
+    penalised_squares,
+)
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
@@ -107,21 +112,16 @@ def _with_weight(
     instead = [*(key for key in keys if key not in (*SLOWER, *WEIGHT)), *WEIGHT]
     before, after = ([known[key] for key in each] for each in (keys, instead))
     fitted, _ = gauss_newton_fit(evidence, vehicle, after, {key: values[key] for key in instead if key in values})
-    left, now = (_squares(evidence, vehicle, *each) for each in ((before, values), (after, fitted)))
+    vehicles = (with_effects(vehicle, *each) for each in ((before, values), (after, fitted)))
+    left, now = (channel_squares(evidence, residuals_at(evidence, one)) for one in vehicles)
     samples = sum(np.sum(one.measured & one.good[:, None], axis=0) for one in evidence.residual_models)
     noise = np.maximum(left / np.maximum(samples, 1), 1.0)  # noise of commands is most of what some moments leave
-    parameters = [sum(len(one.parameters) for one in each) for each in (before, after)]
-    more = np.sum((now - left) / noise) - PARAMETER_PENALTY * (parameters[0] - parameters[1])
+    fewer = sum(len(one.parameters) for one in before) - sum(len(one.parameters) for one in after)
+    more = np.sum((now - left) / noise) - PARAMETER_PENALTY * fewer
     if more > MAX_MORE_SQUARES or not all(is_physical(evidence, one, fitted) for one in after):
         return keys, values
     progress(f"{', '.join(WEIGHT)} in place of {', '.join(slower)}")
     return instead, fitted
-
-
-def _squares(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> np.ndarray:
-    """Return the squares (c,) that effects leave of each channel, in independent samples."""
-    lines = residuals_at(evidence, with_effects(vehicle, effects, values))
-    return sum(np.sum((line.residual / sigma) ** 2, axis=0) for line, sigma in zip(lines, evidence.sigmas, strict=True))
 
 
 def _has_payload(vehicle: Vehicle) -> bool:
