@@ -12,7 +12,8 @@ from swift_sim_bridge.pilot.episodes import environment, randomization, starts
 from swift_sim_bridge.pilot.episodes.randomization import TICK, UNDISTURBED, Disturbance
 
 MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of the shipped policy take 20 s
-FAILURES_OF_CHANCE = 2  # failed races by which trials differ by chance; with fewer the lap time decides
+FAILURES_OF_CHANCE = 2  # failed races by which trials differ by chance; with fewer the lap time alone decides
+FAILURE_COST = 3.0  # further ones in a hundred are as bad as laps longer by so many per cent
 LAST_COMMANDS = 7  # that are kept: 60 ms of delay, more than a training has
 LINES = 8  # races of a trial whose lines are kept, for the picture
 
@@ -125,9 +126,12 @@ def figures(trial: Trial, gates: int) -> dict:
 
 
 def merit(result: dict) -> tuple[float, float, float]:
-    """Return the sort key of policies, larger is better: the finish rate unless it is sufficient, then the mean lap.
+    """Return the sort key of policies, larger is better: the mean lap, made longer by failed races.
 
-    The median of laps is known to a tick only.
+    A key of the finish rate first would keep a slow pilot that always finishes in place of one a tenth faster that
+    finishes 97 %. The median of laps is known to a tick only. Of policies without a lap, the one with most passages is
+    the best.
     """
-    lap, sufficient = result["mean_lap_s"], 1.0 - FAILURES_OF_CHANCE / result["races"]
-    return min(result["finish_rate"], sufficient), -lap if np.isfinite(lap) else -np.inf, result["passages"]
+    lap, failures = result["mean_lap_s"], 1.0 - result["finish_rate"] - FAILURES_OF_CHANCE / result["races"]
+    cost_s = lap * (1.0 + FAILURE_COST * max(failures, 0.0))
+    return -cost_s if np.isfinite(lap) else -np.inf, result["finish_rate"], result["passages"]

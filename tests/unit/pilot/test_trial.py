@@ -37,6 +37,12 @@ def test_more_races_separate_pilots_that_few_do_not():
     assert trial.merit(figures(500, 490, 5.7)) < trial.merit(figures(500, 498, 5.8))
 
 
+def test_a_pilot_that_is_a_tenth_faster_may_fail_more_often_but_not_without_limit():
+    slow = figures(256, 256, 6.41)
+    assert trial.merit(figures(256, 248, 5.83)) > trial.merit(slow)  # so the next training begins with the fast line
+    assert trial.merit(figures(256, 236, 5.83)) < trial.merit(slow)
+
+
 def races_of(finished: int, lap_ticks: int) -> trial.Trial:
     """Return ten races with the same laps, of which some finish."""
     ticks = np.tile(80 + lap_ticks * np.arange(22) // 7, (10, 1))
