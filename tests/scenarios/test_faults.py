@@ -94,10 +94,11 @@ def test_a_node_that_the_flight_does_not_need_is_started_again_and_the_race_goes
     with Flight(1000, options) as flight:
         flight.follow(until=lambda: flight.listener.passages >= 2)
         os.kill(flight.nodes.process_id(helper), fault.value)
-        flight.follow(until=lambda: flight.listener.passages >= 7)
+        flight.follow(until=lambda: flight.listener.passages >= 11)
         assert flight.listener.end is None, lines
         assert helper in flight.nodes.running()
     assert sum(helper in line and "started again" in line for line in lines) == 1
     record = read_record(tmp_path / BAG)
     passages = sum(event.is_passage for event in record.events)
-    assert passages >= (5 if helper == "recorder" else 7)  # while the recorder starts, nothing is recorded
+    # while the recorder starts, nothing is recorded; the last passage may not reach it before the end
+    assert passages >= (5 if helper == "recorder" else 10)
