@@ -11,7 +11,7 @@ from swift_sim_bridge.pilot import networks
 from swift_sim_bridge.pilot.episodes import environment, randomization, starts
 from swift_sim_bridge.pilot.episodes.randomization import TICK, UNDISTURBED, Disturbance
 
-MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of the shipped policy take 20 s
+MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of the shipped policy take 18 s
 FAILURES_OF_CHANCE = 2  # failed races by which trials differ by chance; with fewer the lap time alone decides
 FAILURE_COST = 3.0  # further ones in a hundred are as bad as laps longer by so many per cent
 LAST_COMMANDS = 7  # that are kept: 60 ms of delay, more than a training has
