@@ -18,8 +18,9 @@ from swift_sim_bridge.limit.models import Model, P, Q
 MAX_ITERATIONS = 400  # of IPOPT; the shipped tracks take 30 to 100
 TOLERANCE = 1e-6
 # Where a term has a kink, such as the vortex ring, IPOPT may go to and fro across it at a constant time. It ends there:
-# the equations then hold to a millimetre, and the time of a race no longer changes by 0.02 ms.
-ACCEPTABLE = {"tol": 1e-4, "constr_viol_tol": 1e-4, "obj_change_tol": 1e-6, "iter": 5}
+# the equations then hold to a millimetre, and the time of a race no longer changes by 0.02 ms. `tol` has room for the
+# jump of the gradient at the kink, which depends on the machine: 1e-4 was missed on one of two.
+ACCEPTABLE = {"tol": 1e-3, "constr_viol_tol": 1e-4, "obj_change_tol": 1e-6, "iter": 5}
 FIRST_BARRIER = 1e-2  # of IPOPT's barrier, a tenth of its default: the guesses are good
 SHORTEST_S, LONGEST_S = 0.02, 60.0  # of a segment
 SMOOTHNESS_S = 1e-4  # s; price of a change of one control over its whole range, which removes ringing
