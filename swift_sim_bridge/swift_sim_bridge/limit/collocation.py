@@ -6,7 +6,7 @@ allocate time to gates by complementarity constraints instead). An interval is a
 motion at both ends and in its middle (Hermite-Simpson, of order 4), where the controls are chosen.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -14,6 +14,7 @@ import numpy as np
 
 from swift_sim_bridge.limit.course import Course, passage, volume
 from swift_sim_bridge.limit.models import Model, P, Q
+from swift_sim_bridge.limit.obstacles import Detour, planes
 
 MAX_ITERATIONS = 400  # of IPOPT; the shipped tracks take 30 to 100
 TOLERANCE = 1e-6
@@ -55,6 +56,11 @@ class Flight:
         return np.r_[0.0, np.cumsum(steps)]
 
     @property
+    def segments(self) -> np.ndarray:
+        """Index (2 n + 1) of each point's segment; the point of a passage ends one."""
+        return np.r_[0, np.repeat(np.arange(len(self.intervals)), 2 * self.intervals)]
+
+    @property
     def passages_s(self) -> np.ndarray:
         """Times (m) of the passages, s from the start."""
         return np.cumsum(self.durations_s)
@@ -73,7 +79,13 @@ class _Constraints:
         self.high.append(np.broadcast_to(high, size))
 
 
-def solve(model: Model, course: Course, guess: Flight, report: Callable[[int, float], None]) -> Flight:
+def solve(
+    model: Model,
+    course: Course,
+    guess: Flight,
+    report: Callable[[int, float], None],
+    detours: Iterable[Detour] = (),
+) -> Flight:
     """Return the time-optimal flight.
 
     Args:
@@ -81,6 +93,7 @@ def solve(model: Model, course: Course, guess: Flight, report: Callable[[int, fl
         course: to be flown.
         guess: from which the search begins; its grid is kept.
         report: called with iteration and time (s) of the flight at each iteration.
+        detours: round the frames beside the way.
 
     Raises:
         NoLine: no flight was found from this guess.
@@ -98,6 +111,8 @@ def solve(model: Model, course: Course, guess: Flight, report: Callable[[int, fl
     for end, gate in zip(2 * np.cumsum(guess.intervals), course.passages, strict=True):
         function, low, high = passage(course, model, gate)
         constraints.add(function(scale * x[:, int(end)]) / 10.0, low / 10.0, high / 10.0)
+    for detour in detours:
+        _go_round(constraints, course, detour, ca.DM(model.scale[P]) * x[P, list(detour.points)])
     if course.begin is None:
         _close(constraints, model, x)
     program = {
@@ -141,6 +156,13 @@ def _join(constraints: _Constraints, x, rates, steps) -> None:
     steps = ca.repmat(steps, x.shape[0], 1)
     constraints.add(middle - 0.5 * (first + last) - steps / 8.0 * (rate_first - rate_last))
     constraints.add(last - first - steps / 6.0 * (rate_first + 4.0 * rate_middle + rate_last))
+
+
+def _go_round(constraints: _Constraints, course: Course, detour: Detour, p_world) -> None:
+    """Add that positions (3, k) m are on the detour's side of its frame."""
+    normals, offsets = planes(course, detour.gate, detour.side)
+    p_gate = ca.DM(course.track.rotations[detour.gate].T) @ (p_world - ca.DM(course.track.positions[detour.gate]))
+    constraints.add((ca.DM(normals) @ p_gate - ca.DM(offsets)) / 10.0, 0.0, np.inf)
 
 
 def _close(constraints: _Constraints, model: Model, x) -> None:

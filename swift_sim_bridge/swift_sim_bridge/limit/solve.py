@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from swift_ros.errors import UsageError
 from swift_ros.race import limit
@@ -13,13 +14,16 @@ from swift_sim_bridge.limit.collocation import Flight, NoLine, solve
 from swift_sim_bridge.limit.course import Course
 from swift_sim_bridge.limit.first_guess import first_guess, with_drive
 from swift_sim_bridge.limit.line import Line, line_of
-from swift_sim_bridge.limit.models import AS_FLOWN, FULL_THRUST, TITLES, Model, make_model
+from swift_sim_bridge.limit.models import AS_FLOWN, FULL_THRUST, TITLES, Model, P, make_model
+from swift_sim_bridge.limit.obstacles import Detour, sides, touches
 
 STEP_S = 0.04  # s, longest interval; between 0.06 and 0.03 s the lap of the shipped track grows by 0.04 %
 # Shares of the vehicle's roll rate at which the point mass of a first guess turns its thrust. Each may lead to another
 # side of a gate; the fastest solution counts.
 TURNING = (1.0, 0.5, 2.0)
 SLOWER = 1.05  # times of a vehicle with battery and air over those of full thrust, in its first guess
+SIDES_TRIED = 2  # of a frame beside the way, the nearest ones; the fastest line counts
+MOST_ROUNDS = 8  # round one frame; in each the points that still touch it are added
 PROGRESS_S = 5.0  # s between two lines of progress
 
 CURE = "check places, order and directions of the gates with `swiftros check`"
@@ -50,7 +54,10 @@ def solve_limit(
     for name, one, flight in ((LAP, lap, laps[best]), (RACE, race, next(iter(races.values())))):
         title = f"{one.name}, {TITLES[AS_FLOWN]}"
         try:
-            slower = solve(flown, one, with_drive(flight, flown, SLOWER), _reporter(title, say))
+            flight, detours = clear_of_frames(ideal, one, flight, (), _reporter(f"{one.name}, round frames", say))
+            report = _reporter(title, say)
+            slower = solve(flown, one, with_drive(flight, flown, SLOWER), report, detours)
+            slower, _ = clear_of_frames(flown, one, slower, detours, report)
         except NoLine as reason:
             raise UsageError(f"no {title}, was found for '{track.name}' (IPOPT: {reason}); {CURE}") from reason
         lines[name] = {FULL_THRUST: line_of(ideal, flight), AS_FLOWN: line_of(flown, slower)}
@@ -79,6 +86,40 @@ def _attempts(
     if not found:
         raise UsageError(f"no {one.name} was found for '{one.track.name}' (IPOPT: {reason}); {CURE}")
     return found
+
+
+def clear_of_frames(
+    model: Model, one: Course, flight: Flight, detours: tuple[Detour, ...], report
+) -> tuple[Flight, tuple[Detour, ...]]:
+    """Return the fastest flight found that touches no frame beside its way, and its detours.
+
+    Raises NoLine when there is none.
+    """
+    for _ in range(MOST_ROUNDS):
+        found = touches(one, flight.segments, flight.states[:, P])
+        if not found:
+            return flight, detours
+        known = next((each for each in detours if (each.way, each.gate) == (found[0].way, found[0].gate)), None)
+        if known is None:
+            return _round_new_frame(model, one, flight, detours, found[0], report)
+        wider = replace(known, points=tuple(sorted({*known.points, *found[0].points})))
+        detours = (*(each for each in detours if each is not known), wider)
+        flight = solve(model, one, flight, report, detours)
+    raise NoLine(f"gate {found[0].gate + 1} was touched after {MOST_ROUNDS} rounds")
+
+
+def _round_new_frame(model: Model, one: Course, flight: Flight, detours, found: Detour, report):
+    """Return the flight and the detours of the faster side of a frame; see `clear_of_frames`."""
+    solved, reason = [], None
+    for side in sides(one, found.gate, flight.states[list(found.points), P])[:SIDES_TRIED]:
+        tried = (*detours, replace(found, side=side))
+        try:
+            solved.append(clear_of_frames(model, one, solve(model, one, flight, report, tried), tried, report))
+        except NoLine as failure:
+            reason = failure
+    if not solved:
+        raise NoLine(f"round gate {found.gate + 1}: {reason}")
+    return min(solved, key=lambda pair: pair[0].durations_s.sum())
 
 
 def _reporter(title: str, say: Callable[[str], None]) -> Callable[[int, float], None]:

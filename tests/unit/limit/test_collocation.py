@@ -10,6 +10,8 @@ from swift_ros.track import Gate, Track
 from swift_sim_bridge.limit.collocation import Flight, NoLine, solve
 from swift_sim_bridge.limit.course import Course
 from swift_sim_bridge.limit.models import Model, P, V
+from swift_sim_bridge.limit.obstacles import touches
+from swift_sim_bridge.limit.solve import clear_of_frames
 
 FORCE_M_S2, REACH_M = 8.0, 0.2
 
@@ -94,6 +96,24 @@ def test_the_hull_keeps_away_from_the_frame_while_it_crosses_its_depth():
     room_m = 0.75 - passage[P][1] - REACH_M * np.hypot(1.0, slope) - abs(slope) * 0.05
     assert passage[P][0] == pytest.approx(10.0, abs=1e-6)
     assert slope > 0.2 and room_m == pytest.approx(0.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("post_m", [(-0.2, 0.1), (-0.1, 0.2)])
+def test_a_frame_beside_the_way_is_passed_on_a_free_side(post_m):
+    """A post of another gate stands in the straight way: its opening is on the left, the open hall on the right.
+
+    As the force has a bound along each axis alone, going round takes no time.
+    """
+    course, model = sprint(16.0), pushed_mass()
+    beside = Gate((8.0, post_m[1] + 0.75, 2.0), 0.0)
+    course = dataclasses.replace(course, track=track(*course.track.gates, beside))
+    straight = solve(model, course, from_rest(course), lambda iteration, time_s: None)
+    assert [found.gate for found in touches(course, straight.segments, straight.states[:, P])] == [1]
+    flown, _ = clear_of_frames(model, course, straight, (), lambda iteration, time_s: None)
+    y_at_post = flown.states[np.abs(flown.states[:, 0] - 8.0) < REACH_M, 1]
+    right, left = post_m[0] - REACH_M, post_m[1] + REACH_M
+    assert len(y_at_post) and (np.max(y_at_post) < right + 3e-3 or np.min(y_at_post) > left - 3e-3)
+    assert flown.durations_s.sum() == pytest.approx(2.0, abs=2e-3)
 
 
 def test_a_gate_without_room_is_no_line():
