@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from swift_ros.geometry import array_namespace
 
+LEAST_TILT = 1e-12  # squared, in rad: the root has no gradient at a level hull, and rounding may lead below
 PODIUM_RADIUS_M = 0.3  # of the round podium, on which the hull stands at the track's start
 
 
@@ -68,7 +69,8 @@ def edge_margin(half_side, offset, extent=0.0):
         extent: (..., 2) m, how far the vehicle reaches beyond `offset` along y and z.
     """
     xp = array_namespace(offset)
-    return xp.min(half_side - xp.abs(offset) - extent, axis=-1)
+    room = half_side - xp.abs(offset) - extent
+    return xp.minimum(room[..., 0], room[..., 1])  # a reduction has no slope where a repetition rounds in another way
 
 
 def hull_reach(hull_radius, hull_height, up):
@@ -79,9 +81,7 @@ def hull_reach(hull_radius, hull_height, up):
         up: (...), component of the hull's upward axis (a unit vector) along that axis.
     """
     xp = array_namespace(up)
-    squared = 1.0 - up * up
-    tilted = squared > 0.0  # of a level hull the root has no gradient
-    across = xp.where(tilted, xp.sqrt(xp.where(tilted, squared, 1.0)), 0.0)
+    across = xp.sqrt(xp.maximum(1.0 - up * up, LEAST_TILT))
     return hull_radius * across + 0.5 * hull_height * xp.abs(up)
 
 

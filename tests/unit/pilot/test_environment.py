@@ -26,13 +26,13 @@ WORLD = worlds.make_world(
 BANK = jax.jit(lambda: starts.first_bank(WORLD))()
 PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, environment.Conditions(jnp.float32(0.0))))
 EMPTY_MOMENT = rewards.Moment(
-    *(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0, 0, 0, 0, 0, 0))
+    *(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0))
 )._replace(crashed=jnp.array([False]), passed=jnp.array([False]), missed=jnp.array([False]))
 
 
-def verdict_at(offset, gate=0, next_gate=0, backwards=False, attitude=(0.0, 0.0, 0.0, 1.0)):
+def verdict_at(offset, gate=0, next_gate=0, backwards=False, attitude=(0.0, 0.0, 0.0, 1.0), step_m=0.1):
     """Return the verdict on crossing a gate's plane `offset` (left, up) m beside its centre."""
-    ends = [TRACK.positions[gate] + TRACK.rotations[gate] @ np.array([x, *offset]) for x in (-0.1, 0.1)]
+    ends = [TRACK.positions[gate] + TRACK.rotations[gate] @ np.array([x, *offset]) for x in (-step_m, step_m)]
     before, after = (jnp.asarray(p, jnp.float32)[None] for p in (reversed(ends) if backwards else ends))
     state = state_at_rest(after, jnp.asarray(attitude, jnp.float32)[None])
     verdict = judging.judge(WORLD.gates, jnp.array([next_gate]), before, state, 8.0)
@@ -43,6 +43,17 @@ def test_a_flight_through_the_opening_is_a_passage_with_its_margin():
     verdict = verdict_at((0.2, 0.1))
     assert verdict.passed and not verdict.touched and not verdict.missed
     assert verdict.margin == pytest.approx(0.75 - 0.2 - VEHICLE.hull_radius, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("offset", "beside_m"),
+    [((0.0, 0.0), 0.75 - 0.18), ((0.9, 0.0), -0.05 - 0.18), ((0.0, 1.05 + 0.05 + 0.4), 0.4), ((0.4, 0.6), 0.1)],
+)
+def test_other_frames_than_the_next_are_beside_the_way(offset, beside_m):
+    """Level in the plane of gate 3, on the way from gate 5 to 6; on the way to or from gate 3 it is not beside."""
+    assert verdict_at(offset, gate=2, next_gate=5, step_m=0.0).beside == pytest.approx(beside_m, abs=1e-3)
+    for next_gate in (2, 3):
+        assert verdict_at(offset, gate=2, next_gate=next_gate, step_m=0.0).beside > 1.0
 
 
 def test_a_hull_rolled_by_90_degrees_needs_more_height():
@@ -120,6 +131,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         passed=jnp.array([True]),
         margin=jnp.array([0.1]),
         height=jnp.array([0.06]),
+        beside=jnp.array([0.08]),
         off_guide=jnp.array([0.7]),
         guide_time=jnp.array([0.012]),
         thrust_cosine=jnp.array([0.25]),
@@ -132,7 +144,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         "crash": -1.0,
         "passage": 1.0,
         "margin": -0.3,
-        "risk": -np.exp(-5.0) - np.exp(-3.0),
+        "risk": -np.exp(-5.0) - np.exp(-3.0) - np.exp(-4.0),
         "guide": -0.7,
         "pace": 0.012,
         "thrust_direction": -0.75,
@@ -147,10 +159,11 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
 
 def test_the_risk_has_the_same_slope_on_both_sides_of_a_frame_and_of_the_ground():
     def cost(**moment):
-        far = EMPTY_MOMENT._replace(missed=jnp.array([True]), margin=jnp.array([9.0]), height=jnp.array([9.0]))
+        far = {name: jnp.array([9.0]) for name in ("margin", "height", "beside")}
+        far = EMPTY_MOMENT._replace(missed=jnp.array([True]), **far)
         return float(rewards.risk(far._replace(**{name: jnp.array([way]) for name, way in moment.items()}))[0])
 
-    for name in ("margin", "height"):
+    for name in ("margin", "height", "beside"):
         inside, at, outside = (cost(**{name: way}) for way in (0.001, 0.0, -0.001))
         assert at == pytest.approx(-1.0)
         assert at - outside == pytest.approx(0.05, rel=1e-3) and inside - at == pytest.approx(0.05, rel=0.03)

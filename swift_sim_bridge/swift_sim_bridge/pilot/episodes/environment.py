@@ -257,6 +257,7 @@ def step(
         missed=verdict.missed,
         margin=verdict.margin,
         height=verdict.height,
+        beside=verdict.beside,
         off_guide=jnp.maximum(guide_after.distance - settings.guide_free_m, 0.0),
         guide_time=guide_before.time_to_gate - guide_after.time_to_gate,
         thrust_cosine=thrust_cosine(moved.flight.state, guide_after.thrust_axis),

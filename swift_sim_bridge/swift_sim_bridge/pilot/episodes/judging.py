@@ -18,6 +18,7 @@ from swift_ros.vehicle import Vehicle
 # Sideways motion across a frame's depth that is counted, m per m along the passage: up to an angle of 63 degrees. It
 # bounds the counted extent of a vehicle that crosses the plane nearly along it.
 MAX_SLOPE = 2.0
+FAR_M = 1e3  # m, to a frame that is not there
 
 
 class Gates(NamedTuple):
@@ -58,6 +59,8 @@ class Verdict(NamedTuple):
         outside: the vehicle touched the ground or left the flight volume.
         margin: m, hull to inner edge, meaningful where passed; below 0 where missed.
         height: m, lowest point of the hull above the ground.
+        beside: m, from the hull to the nearest frame but those of the next gate and the last one, along the axes of the
+            gate; negative within a frame.
     """
 
     passed: jnp.ndarray
@@ -67,6 +70,7 @@ class Verdict(NamedTuple):
     outside: jnp.ndarray
     margin: jnp.ndarray
     height: jnp.ndarray
+    beside: jnp.ndarray
 
 
 def make_gates(track: Track, vehicle: Vehicle) -> Gates:
@@ -124,7 +128,8 @@ def judge(gates: Gates, next_gate, p_before, state, missed_window_m: float) -> V
     in_ring = jnp.any(side > inner, axis=-1) & jnp.all(side < outer, axis=-1)
     scraped = in_ring & (jnp.abs(after[..., 0]) < 0.5 * gates.depth + hull[..., 0])
 
-    is_next = jnp.arange(positions.shape[0]) == next_gate[:, None]
+    numbers = jnp.arange(positions.shape[0])
+    is_next, is_last = numbers == next_gate[:, None], numbers == (next_gate[:, None] - 1) % positions.shape[0]
     near = jnp.max(offset, axis=-1) < missed_window_m
     passed = jnp.any(is_next & forwards & (margin >= 0), axis=-1)
     missed = jnp.any(is_next & forwards & (margin < 0) & near, axis=-1)
@@ -135,4 +140,25 @@ def judge(gates: Gates, next_gate, p_before, state, missed_window_m: float) -> V
     in_podium &= low[..., 2] < gates.start[2] - 0.5 * gates.hull_height
     touched = jnp.any(grazed | scraped, axis=-1)
     margin, height = jnp.sum(jnp.where(is_next, margin, 0.0), axis=-1), low[..., 2] - gates.bounds_min[2]
-    return Verdict(passed, missed, touched, in_podium, outside, margin, height)
+    frames = jnp.where(is_next | is_last, FAR_M, distance_to_frame(0.5 * gates.depth, inner, outer, after, hull))
+    # Chosen by its index: the slope of a minimum looks for an equal value, which a rounding of its repetition removes.
+    beside = jnp.take_along_axis(frames, jnp.argmin(frames, axis=-1, keepdims=True), axis=-1)[..., 0]
+    return Verdict(passed, missed, touched, in_podium, outside, margin, height, beside)
+
+
+def distance_to_frame(half_depth: float, inner, outer, p_gate, hull):
+    """Return how far (...) m the hull's box must move along one axis of the gate to touch its frame.
+
+    It is negative where they overlap: then the box is clear neither along the passage, nor around the frame, nor in its
+    opening.
+
+    Args:
+        half_depth: m, of the frame.
+        inner, outer: (..., 1) m, half the sides of the frame.
+        p_gate: (..., 3) m, centre of the hull in the gate's frame.
+        hull: (..., 3) m, reach of the hull along its axes.
+    """
+    along = jnp.abs(p_gate[..., 0]) - hull[..., 0] - half_depth
+    around = -rules.edge_margin(outer, p_gate[..., 1:], -hull[..., 1:])
+    in_opening = rules.edge_margin(inner, p_gate[..., 1:], hull[..., 1:])
+    return jnp.maximum(jnp.maximum(along, around), in_opening)

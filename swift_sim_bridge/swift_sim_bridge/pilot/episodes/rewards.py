@@ -28,6 +28,7 @@ class Moment(NamedTuple):
         passed, missed: the next gate was passed, or its plane crossed beside the opening.
         margin: m, hull to inner edge, meaningful where passed; below 0 where missed.
         height: m, lowest point of the hull above the ground.
+        beside: m, from the hull to the nearest frame of a gate that is neither the next nor the last one.
         off_guide: m, distance from the guide beyond what is free; 0 without a guide.
         guide_time: s, time that the guide takes from the place before the tick to the one after it; 0 without a guide.
         thrust_cosine: of the angle between the thrust and that of the guide at this place; 1 without a guide.
@@ -44,6 +45,7 @@ class Moment(NamedTuple):
     missed: jnp.ndarray
     margin: jnp.ndarray
     height: jnp.ndarray
+    beside: jnp.ndarray
     off_guide: jnp.ndarray
     guide_time: jnp.ndarray
     thrust_cosine: jnp.ndarray
@@ -85,9 +87,9 @@ def margin(moment):
 
 
 def risk(moment):
-    """Cost of a probable touch of the next gate's frame, at its plane, and of the ground, in each tick.
+    """Cost of a probable touch: of the next gate's frame at its plane, of other frames and of the ground in each tick.
 
-    It is 1 at the frame and at the ground, e times less for each `RISK_MARGIN_M` away from them, and grows linearly
+    It is 1 at a frame and at the ground, e times less for each `RISK_MARGIN_M` away from them, and grows linearly
     inside, down to `RISK_DEEPEST` times that: a race that fails has a slope, too.
     """
 
@@ -95,7 +97,8 @@ def risk(moment):
         ways = way / RISK_MARGIN_M
         return jnp.exp(-jnp.maximum(ways, 0.0)) - jnp.clip(ways, -RISK_DEEPEST, 0.0)
 
-    return -jnp.where(moment.passed | moment.missed, touch(moment.margin), 0.0) - touch(moment.height)
+    at_gate = jnp.where(moment.passed | moment.missed, touch(moment.margin), 0.0)
+    return -at_gate - touch(moment.beside) - touch(moment.height)
 
 
 def guide(moment):
