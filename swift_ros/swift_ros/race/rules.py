@@ -5,8 +5,8 @@ x along the passage, y left, z up, origin in the centre of the opening.
 
 Whether the hull touches a frame is tested three times, by design: the judge tests points of the hull's surface at every
 physics step, for exact margins (`judge`); the training makes one conservative test a control tick for thousands of
-races (`swift_sim_bridge.pilot.judging`); the physics needs the nearest point and its normal, to compute a reaction
-(`swift_sim_bridge.physics.contact`). One test for all three would change their results or cost too much.
+races (`swift_sim_bridge.pilot.episodes.judging`); the physics needs the nearest point and its normal, to compute a
+reaction (`swift_sim_bridge.physics.contact`). One test for all three would change their results or cost too much.
 """
 
 from typing import Any, NamedTuple

@@ -112,7 +112,7 @@ def solve(
         function, low, high = passage(course, model, gate)
         constraints.add(function(scale * x[:, int(end)]) / 10.0, low / 10.0, high / 10.0)
     for detour in detours:
-        _go_round(constraints, course, detour, ca.DM(model.scale[P]) * x[P, list(detour.points)])
+        _go_round(constraints, course, detour, ca.DM(model.scale[P]) * x[P, list(detour.touch.points)])
     if course.begin is None:
         _close(constraints, model, x)
     program = {
@@ -160,8 +160,9 @@ def _join(constraints: _Constraints, x, rates, steps) -> None:
 
 def _go_round(constraints: _Constraints, course: Course, detour: Detour, p_world) -> None:
     """Add that positions (3, k) m are on the detour's side of its frame."""
-    normals, offsets = planes(course, detour.gate, detour.side)
-    p_gate = ca.DM(course.track.rotations[detour.gate].T) @ (p_world - ca.DM(course.track.positions[detour.gate]))
+    track, gate = course.track, detour.touch.gate
+    normals, offsets = planes(course, gate, detour.side)
+    p_gate = ca.DM(track.rotations[gate].T) @ (p_world - ca.DM(track.positions[gate]))
     constraints.add((ca.DM(normals) @ p_gate - ca.DM(offsets)) / 10.0, 0.0, np.inf)
 
 

@@ -4,7 +4,7 @@ The program of a flight cannot choose the side. It is solved without the frame f
 points there are kept to one side, and the program is solved again.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,25 +12,39 @@ from swift_sim_bridge.limit.course import Course
 
 # Index of the opening among the sides of a frame. Before it are ahead and behind, left and right, above and below.
 OPENING = 6
-ON = 1  # points before and behind those that touch, which keep to the same side: some 0.25 m at racing speed
+NEIGHBOURS = 1  # points before and behind those that touch, on the same side: some 0.25 m at racing speed
 TOLERANCE_M = 2e-3  # a touch by less is one of the solver's tolerance; the hull's sphere is larger than the hull
 
 
 @dataclass(frozen=True)
-class Detour:
-    """Points of a flight that keep to one side of a frame.
+class Touch:
+    """Points of a flight at which the hull's sphere touches a frame beside the way, and their neighbours.
 
     Attributes:
         way: gates before and after the points, -1 for the podium.
         gate: index of the frame's gate.
-        side: index of the side.
         points: (k) indices of the points.
     """
 
     way: tuple[int, int]
     gate: int
-    side: int
     points: tuple[int, ...]
+
+    def is_at(self, other: "Touch") -> bool:
+        """Return whether both are of the same frame on the same way."""
+        return (self.way, self.gate) == (other.way, other.gate)
+
+    def joined(self, other: "Touch") -> "Touch":
+        """Return the touch with the points of another one, too."""
+        return replace(self, points=tuple(sorted({*self.points, *other.points})))
+
+
+@dataclass(frozen=True)
+class Detour:
+    """A touch whose points keep to one side of the frame, by its index."""
+
+    touch: Touch
+    side: int
 
 
 def planes(course: Course, gate: int, side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -43,8 +57,8 @@ def planes(course: Course, gate: int, side: int) -> tuple[np.ndarray, np.ndarray
     return sign * axes[[axis]], np.array([(track.half_depth, half_outer, half_outer)[axis] + course.reach_m])
 
 
-def touches(course: Course, segments, p_world) -> list[Detour]:
-    """Return where the hull's sphere touches a frame beside the way, each with the side that is nearest.
+def touches(course: Course, segments, p_world) -> list[Touch]:
+    """Return where a flight touches frames beside its way.
 
     The gates at both ends of a segment are no obstacles in it: their passages have constraints of their own.
 
@@ -54,7 +68,7 @@ def touches(course: Course, segments, p_world) -> list[Detour]:
         p_world: (n, 3) m.
     """
     return [
-        Detour(way, gate, sides(course, gate, p_world[list(points)])[0], points)
+        Touch(way, gate, points)
         for way in dict.fromkeys(_ways(course))
         for gate in range(len(course.track.gates))
         if gate not in way and (points := _touching(course, segments, p_world, way, gate))
@@ -78,7 +92,7 @@ def _ways(course: Course) -> list[tuple[int, int]]:
 
 
 def _touching(course: Course, segments, p_world, way, gate: int) -> tuple[int, ...]:
-    """Return the points on a way that touch a frame, and `ON` before and behind them."""
+    """Return the points on a way that touch a frame, and their neighbours."""
     on_way = np.array([one == way for one in _ways(course)])[segments]
     p_gate = _in_gate_frame(course, gate, p_world)
 
@@ -87,7 +101,7 @@ def _touching(course: Course, segments, p_world, way, gate: int) -> tuple[int, .
         return np.all(p_gate @ normals.T >= offsets - TOLERANCE_M, axis=1)
 
     touching = on_way & ~np.any([clear(side) for side in range(OPENING + 1)], axis=0)
-    near = np.convolve(touching, np.ones(2 * ON + 1), "same") > 0
+    near = np.convolve(touching, np.ones(2 * NEIGHBOURS + 1), "same") > 0
     return tuple(int(k) for k in np.flatnonzero(near & on_way))
 
 

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 from swift_ros.errors import UsageError
 from swift_ros.race import limit
@@ -15,7 +14,7 @@ from swift_sim_bridge.limit.course import Course
 from swift_sim_bridge.limit.first_guess import first_guess, with_drive
 from swift_sim_bridge.limit.line import Line, line_of
 from swift_sim_bridge.limit.models import AS_FLOWN, FULL_THRUST, TITLES, Model, P, make_model
-from swift_sim_bridge.limit.obstacles import Detour, sides, touches
+from swift_sim_bridge.limit.obstacles import Detour, Touch, sides, touches
 
 STEP_S = 0.04  # s, longest interval; between 0.06 and 0.03 s the lap of the shipped track grows by 0.04 %
 # Shares of the vehicle's roll rate at which the point mass of a first guess turns its thrust. Each may lead to another
@@ -52,9 +51,10 @@ def solve_limit(
     races = _attempts(ideal, vehicle, race, (best, *(one for one in TURNING if one != best)), say, most=1)
     lines = {}
     for name, one, flight in ((LAP, lap, laps[best]), (RACE, race, next(iter(races.values())))):
-        title = f"{one.name}, {TITLES[AS_FLOWN]}"
+        title = f"{one.name}, {TITLES[FULL_THRUST]}, round frames"
         try:
-            flight, detours = clear_of_frames(ideal, one, flight, (), _reporter(f"{one.name}, round frames", say))
+            flight, detours = clear_of_frames(ideal, one, flight, (), _reporter(title, say))
+            title = f"{one.name}, {TITLES[AS_FLOWN]}"
             report = _reporter(title, say)
             slower = solve(flown, one, with_drive(flight, flown, SLOWER), report, detours)
             slower, _ = clear_of_frames(flown, one, slower, detours, report)
@@ -99,20 +99,20 @@ def clear_of_frames(
         found = touches(one, flight.segments, flight.states[:, P])
         if not found:
             return flight, detours
-        known = next((each for each in detours if (each.way, each.gate) == (found[0].way, found[0].gate)), None)
+        known = next((each for each in detours if each.touch.is_at(found[0])), None)
         if known is None:
             return _round_new_frame(model, one, flight, detours, found[0], report)
-        wider = replace(known, points=tuple(sorted({*known.points, *found[0].points})))
+        wider = Detour(known.touch.joined(found[0]), known.side)
         detours = (*(each for each in detours if each is not known), wider)
         flight = solve(model, one, flight, report, detours)
     raise NoLine(f"gate {found[0].gate + 1} was touched after {MOST_ROUNDS} rounds")
 
 
-def _round_new_frame(model: Model, one: Course, flight: Flight, detours, found: Detour, report):
+def _round_new_frame(model: Model, one: Course, flight: Flight, detours, found: Touch, report):
     """Return the flight and the detours of the faster side of a frame; see `clear_of_frames`."""
     solved, reason = [], None
     for side in sides(one, found.gate, flight.states[list(found.points), P])[:SIDES_TRIED]:
-        tried = (*detours, replace(found, side=side))
+        tried = (*detours, Detour(found, side))
         try:
             solved.append(clear_of_frames(model, one, solve(model, one, flight, report, tried), tried, report))
         except NoLine as failure:
