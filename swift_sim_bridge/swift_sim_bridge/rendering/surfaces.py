@@ -1,8 +1,8 @@
 """What the rays of an image see: walls, and flat rectangles before them, in closed form, from far to near.
 
 Edges are anti-aliased over the width of a pixel. Textures fade where a pixel covers many texels, since there are no mip
-maps. Each jitted function is a program of its own on purpose: XLA would fuse them, compute what they share once for
-each output and not vectorise the texture look-ups, and an image takes four times as long.
+maps. Most rays meet no plate. So one program computes the walls for all rays, and which rays pass near a plate; a
+second one computes the plates for these, batch by batch.
 """
 
 from functools import partial
@@ -10,9 +10,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.scene import Plates, Scene
+
+BATCH = 8192  # rays near plates that are computed at once: arrays of this length stay in the cache
+NEAR_PX = 2  # pixels around a plate that still belong to it: its edges are ramps
+PARALLEL = 1e-3  # sine of the angle below which a ray counts as parallel to a plate
 
 
 class Rays(NamedTuple):
@@ -70,14 +75,59 @@ def add_brightness(total, stack, scene: Scene, pose, rays: Rays, pixel_angle: fl
         rays: of the pixels.
         pixel_angle: rad between neighbouring pixels.
     """
+    brighter, near = _add_walls(total, stack, scene, pose, rays, pixel_angle)
+    for batch in _batches(np.flatnonzero(near)):
+        brighter = _add_plates(brighter, total, batch, stack, scene, pose, rays, pixel_angle)
+    return brighter
+
+
+def _batches(chosen) -> np.ndarray:
+    """Return indices of rays in rows of BATCH; the last ray is repeated to fill the last row.
+
+    There is at least one row, so that the first image compiles the program for plates even where it shows none.
+    """
+    count = max(1, -(-len(chosen) // BATCH))
+    padding = np.full(count * BATCH - len(chosen), chosen[-1] if len(chosen) else 0)
+    return np.concatenate([chosen, padding]).astype(np.int32).reshape(count, BATCH)
+
+
+@partial(jax.jit, static_argnames=("pixel_angle",))
+def _add_walls(total, stack, scene: Scene, pose, rays: Rays, pixel_angle):
+    """Return `total` (n,) plus the brightness of the walls, and which rays (n,) may meet a plate."""
     plates, view = _in_world(scene.plates, pose, rays)
+    _, wall = _surroundings(scene.room, view, pixel_angle)
+    return total + _value(stack, _texel(*wall[:3]), *wall[3:]), _near_plates(plates, view, pixel_angle)
+
+
+@partial(jax.jit, static_argnames=("pixel_angle",))
+def _add_plates(brighter, total, batch, stack, scene: Scene, pose, rays: Rays, pixel_angle):
+    """Return `brighter` (n,) with new values at the indices `batch`: `total` plus the brightness of plates and walls."""
+    plates, view = _in_world(scene.plates, pose, jax.tree.map(lambda values: values[..., batch], rays))
     distance, wall = _surroundings(scene.room, view, pixel_angle)
     front, behind, cover = _layers(_covers(plates, view, distance, pixel_angle), distance)
-    seen = [_surface(plates, scene.room, view, layer, wall, pixel_angle) for layer in (front, behind)]
-    return _mixed(total, stack, *seen, cover)
+    front, behind = (_surface(plates, scene.room, view, layer, wall, pixel_angle) for layer in (front, behind))
+    light = cover * _value(stack, *front) + (1 - cover) * _value(stack, *behind)
+    return brighter.at[batch].set(total[batch] + light)
 
 
-@jax.jit
+def _near_plates(plates: Plates, view: _View, pixel_angle):
+    """Return which rays (n,) go towards a plate's plane and pass the sphere around it within NEAR_PX pixels."""
+    centre, spread = view.origin, 0.0
+    if centre.ndim == 2:  # rays with origins of their own
+        centre = jnp.mean(view.origin, axis=1)
+        spread = jnp.sqrt(jnp.max(jnp.sum((view.origin - centre[:, None]) ** 2, axis=0)))
+    near = jnp.zeros(view.ray[0].shape, bool)
+    for plate in _rows(plates):
+        towards, normal = plate.centre - centre, plate.rotation[:, 0]
+        distance, height = jnp.sqrt(jnp.sum(towards**2)) + 1e-6, _dot(normal, towards)
+        size = jnp.sqrt(jnp.sum(plate.half_outer**2)) + spread
+        angle = jnp.arcsin(jnp.minimum(size / distance, 1.0)) + NEAR_PX * pixel_angle
+        on_sphere = (size > distance) | (_dot(towards / distance, view.ray) >= jnp.cos(angle))
+        ahead = (jnp.abs(height) <= spread) | (jnp.sign(height) * _dot(normal, view.ray) > -PARALLEL)
+        near = near | (on_sphere & ahead)
+    return near
+
+
 def _in_world(plates: Plates, pose, rays: Rays):
     """Return the plates from far to near, and the rays in the world."""
     centre, rotation = pose
@@ -93,7 +143,6 @@ def _dot(vector, direction):
     return vector[0] * direction[0] + vector[1] * direction[1] + vector[2] * direction[2]
 
 
-@partial(jax.jit, static_argnames=("pixel_angle",))
 def _surroundings(room, view: _View, pixel_angle):
     """Return the distance (n,) at which each ray meets a side of the room, and the surface there (see `_value`)."""
     origin, ray = view
@@ -144,7 +193,6 @@ def _inside(half, place, sharpness):
     return across * jnp.clip((half[1] - jnp.abs(place[1])) * sharpness[1] + 0.5, 0, 1)
 
 
-@partial(jax.jit, static_argnames=("pixel_angle",))
 def _covers(plates: Plates, view: _View, distance, pixel_angle):
     """Return for each plate the share (n,) of each pixel that it covers alone, and its distance (n,) m along the ray.
 
@@ -163,7 +211,6 @@ def _covers(plates: Plates, view: _View, distance, pixel_angle):
     return covers
 
 
-@jax.jit
 def _layers(covers, distance):
     """Return the plates (n,) in front and behind it as rows, -1 for the walls, and the share (n,) of that in front."""
     front = behind = jnp.full(distance.shape, -1, jnp.int8)
@@ -177,7 +224,6 @@ def _layers(covers, distance):
     return front, behind, cover
 
 
-@partial(jax.jit, static_argnames=("pixel_angle",))
 def _surface(plates: Plates, room, view: _View, layer, wall, pixel_angle):
     """Return the surface that each ray sees: (texel, texels per pixel, tone, contrast), see `_value`.
 
@@ -213,8 +259,3 @@ def _value(stack, texel, texels, tone, contrast):
     """Return the brightness (n,): tone plus texture; contrast fades with the tiles `texels` that a pixel covers."""
     blur = texels * (textures.SIDE / 4)
     return tone + contrast / (1 + blur * blur) * (stack[texel].astype(jnp.float32) / 255 - 0.5)
-
-
-@jax.jit
-def _mixed(total, stack, front, behind, cover):
-    return total + (cover * _value(stack, *front) + (1 - cover) * _value(stack, *behind))

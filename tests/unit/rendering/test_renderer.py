@@ -87,6 +87,49 @@ def test_painted_corners_lie_where_the_lens_projects_them(camera, track, circle,
     assert checked >= 2
 
 
+def frames_hit(camera, track, p_world, q, edge_px):
+    """Return the pixels inside the image circle, and which of their rays hit a gate's frame above the floor.
+
+    The frame's edges are moved outwards by `edge_px`.
+
+    A ray nearly along a frame's plane hits it only for `edge_px` above zero.
+    """
+    inside, directions, _ = pixel_rays(camera)
+    q_world_camera = geometry.quaternion_multiply(q, camera.q_body_camera)
+    rays = directions.T @ geometry.rotation_matrix(q_world_camera).T
+    origin, hit = p_world + geometry.rotate(q, camera.p_body_camera), np.zeros(len(rays), bool)
+    nearest = 0.1 if edge_px < 0 else 0.0  # m; a frame nearer than 0.05 m is not drawn
+    sides = zip(track.positions, track.rotations, track.inner_sides, track.outer_sides, strict=True)
+    for centre, rotation, inner, outer in sides:
+        slope = rays @ rotation[:, 0]
+        reach = ((centre - origin) @ rotation[:, 0]) / slope
+        point = origin + reach[:, None] * rays
+        across = np.abs((point - centre) @ rotation[:, 1:]).max(axis=1)
+        edge = edge_px * np.abs(reach) / camera.fx / np.abs(slope)
+        on_frame = (across > inner / 2 - edge) & (across < outer / 2 + edge) & (reach > nearest) & (point[:, 2] > -edge)
+        along = np.abs(slope) < 0.05
+        hit |= np.where(along, edge_px > 0, on_frame)
+    return inside, hit
+
+
+def test_every_ray_that_hits_a_frame_shows_it_and_no_other_does(camera, track, circle):
+    """Also from amid a gate, close behind one, and looking away: which rays are computed with the gates must not show."""
+    rng, scene, hits = np.random.default_rng(3), black_and_white(track), 0
+    for k in range(40):
+        away = rng.normal(0.0, (0.4, 2.0, 8.0, 20.0)[k % 4], 3)
+        p_world = track.positions[k % len(track.gates)] + away - [0.0, 0.0, 0.2 * (k % 3)]
+        p_world = np.clip(p_world, scene.room.low + 0.3, scene.room.high - 0.3)
+        q = geometry.normalize(rng.normal(size=4))
+        image = circle.render(scene, BodyMotion(p_world, q, STILL, STILL), 1, np.random.default_rng(0))
+        inside, surely = frames_hit(camera, track, p_world, q, -3.0)
+        _, perhaps = frames_hit(camera, track, p_world, q, 3.0)
+        levels = image[inside].astype(int)
+        assert levels[surely].min(initial=255) > 200
+        assert levels[~perhaps].max(initial=0) < 60
+        hits += np.count_nonzero(surely)
+    assert hits > 40_000
+
+
 def test_corners_behind_another_gate_or_outside_the_image_circle_are_hidden(camera, track):
     plates = black_and_white(track).plates
     limits = GateLimits(9.0, 78.0, 16.0)
