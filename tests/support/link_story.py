@@ -26,12 +26,13 @@ def settings(**changes) -> LinkSettings:
 class Story:
     """Plays ticks of 10 ms. `alive` names the sources that send; thrust, rates, attitude and velocity are constant."""
 
-    def __init__(self, firmware=None, lockstep=False, **changes):
+    def __init__(self, firmware=None, lockstep=False, space=None, **changes):
         self.firmware = firmware or FakeFirmware()
         self.settings = settings(**changes)
         found = read_back.read_back(self.firmware.ask)
         blocks = read_back.check(found, VEHICLE, self.settings.receiver, self.settings.firmware_failsafe_s)
         self.link = MspLink(found, VEHICLE, self.settings, lockstep, blocks)
+        self.link.space = space
         self.link.take_race_state("idle", 0)
         self.alive = {"command", "state", "judge", "clock"}
         self.ros_ns, self.steady_s = 1_000_000_000, 500.0

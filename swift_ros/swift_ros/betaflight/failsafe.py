@@ -19,6 +19,7 @@ LEVEL_TIMEOUT_S = 1.0  # s, longest time for levelling out; an intact vehicle ne
 MAX_BRAKE_LEAN = math.radians(40.0)  # rad, largest lean while braking: it slows the vehicle by g tan(lean) = 8.2 m/s^2
 BRAKE_TIMEOUT_S = 4.0  # s, longest braking; with this lean and slope, braking from 20 m/s takes about 3 s
 BRAKED_M_S = 1.5  # m/s, horizontal speed at which braking ends and the descent begins; larger ends it sooner
+MIN_TILT_COSINE = 0.5  # a vehicle that is tilted by more than 60 degrees does not hold its height
 LEAN_PER_SPEED = 0.12  # rad per m/s: below 5.8 m/s the lean decreases with the speed
 CLIMB_DAMPING = 2.0  # 1/s, thrust per climb rate: its error decays with a time constant of 0.5 s
 SINK_M_S = 1.0  # m/s; a vehicle that touches the ground faster than 1.5 m/s counts as crashed
@@ -37,11 +38,13 @@ class Motion:
         tilt: rad.
         v_heading: (3,) m/s forward, left, up, in a level frame with the vehicle's heading.
         measured: the velocity is that of a state, not of dead reckoning.
+        height: m above the ground of the track.
     """
 
     tilt: float | None = None
     v_heading: np.ndarray | None = None
     measured: bool = False
+    height: float | None = None
 
 
 def motion_of(q_world_body, v_body) -> Motion:
@@ -146,7 +149,8 @@ class Descent:
     """The end of a flight in angle mode: level, brake against the velocity, sink to the ground, disarm.
 
     With a state the vehicle sinks at SINK_M_S until it stands on something. Without one it sinks with a thrust somewhat
-    below hover, which then goes to zero.
+    below hover, which then goes to zero: after the time from the last known height to the ground, for a touch of the
+    ground may look like a jump of the odometry.
 
     While levelling the throttle is closed: thrust of a vehicle that flies on its side or upside down leads to the
     ground. With unknown attitude or velocity the motors stop at once.
@@ -167,6 +171,7 @@ class Descent:
         self._limits = limits
         self._since_s = self._sinking_s = time_s
         self._blind_since_s: float | None = None
+        self._height: float | None = None  # m, the last one while sinking
         if motion.tilt is None or motion.v_heading is None:
             self.stage = Stage.OVER
         else:
@@ -200,6 +205,7 @@ class Descent:
     def _sink(self, motion: Motion, time_s: float) -> SafeSticks:
         """Return the sticks that sink at SINK_M_S, or stop a vehicle that stands on something."""
         assert motion.v_heading is not None  # it is measured
+        self._height = motion.height
         if time_s - self._since_s < SETTLED_S or motion.v_heading[2] < -STANDING_M_S:
             self._sinking_s = time_s
         if time_s - self._sinking_s > STANDING_S:
@@ -211,7 +217,10 @@ class Descent:
         """Return level sticks with a thrust below hover, then less and less, then stopped motors."""
         if self._blind_since_s is None:
             self._blind_since_s = time_s
-        share = (time_s - self._blind_since_s) / self._limits.descent_s
+        lasts_s = self._limits.descent_s
+        if self._height is not None:
+            lasts_s = min(lasts_s, max(self._height, 0.0) / SINK_M_S + STANDING_S)
+        share = (time_s - self._blind_since_s) / lasts_s
         if share >= 1.0:
             self.stop()
             return STOPPED
@@ -237,5 +246,5 @@ def brake(motion: Motion, up_m_s: float = 0.0) -> SafeSticks:
     forward, left, up = motion.v_heading
     speed = max(float(np.hypot(forward, left)), 1e-6)
     lean = min(LEAN_PER_SPEED * speed, MAX_BRAKE_LEAN)
-    thrust = max(GRAVITY + CLIMB_DAMPING * (up_m_s - up), 0.0) / max(math.cos(motion.tilt), 0.5)
+    thrust = max(GRAVITY + CLIMB_DAMPING * (up_m_s - up), 0.0) / max(math.cos(motion.tilt), MIN_TILT_COSINE)
     return SafeSticks(thrust, (lean * left / speed, -lean * forward / speed))

@@ -9,11 +9,13 @@ command, and further frames only when commands are missing. The caller gives all
 import enum
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
 from swift_ros import geometry
 from swift_ros.betaflight import arming_flags, read_back, sticks
+from swift_ros.betaflight.braking_space import BrakingSpace
 from swift_ros.betaflight.failsafe import DeadReckoning, Descent, DescentLimits, Motion, SafeSticks, Stage, motion_of
 from swift_ros.betaflight.link_settings import LinkSettings
 from swift_ros.betaflight.msp_messages import Code
@@ -30,6 +32,8 @@ COMMAND, STATE, JUDGE = "command/body_rate_thrust", "state/odometry", "race/judg
 FILL_S = 0.025  # s without a command, after which a frame is sent anyway; the firmware allows 0.1 s between two frames
 FRESH_S = 0.5  # s; an older answer of the flight controller, and an older speed, is not used
 CLOSED_US = 1000  # us, below min_check: the firmware's "throttle low"
+FLY_ON_S = 8.0  # s after the finish, longest wait for a free way to brake
+SPACE_M = (1.5, 0.3)  # m between hull and gates while braking: wanted at the finish, and accepted after FLY_ON_S
 CENTRED = np.zeros(3)
 DEFAULT_ANGLE_LIMIT_DEG = 60  # deg, the firmware's default, for firmware that does not report its limit
 OVERLOADED = (
@@ -49,7 +53,8 @@ class Phase(enum.Enum):
 
 
 FLYING = (Phase.RACING, Phase.ENDING)
-PLANNED_ENDS = (judge.FINISHED, judge.MISSED, judge.STOPPED)  # of a race whose vehicle flies well
+PLANNED_ENDS = (judge.MISSED, judge.STOPPED)  # of a race whose vehicle flies well, besides the finish
+IN_THE_WAY = "a gate, the ground or the edge of the flight volume is in the way of braking"
 
 
 class MspLink:
@@ -62,6 +67,8 @@ class MspLink:
         failsafe: whether the failsafe has ended the flight.
         events: (level, sentence) pairs for the caller, which removes them.
         session: requests to the flight controller and its newest answers.
+        space: of braking on the track; after the finish the pilot flies on until it is free. None, as at first: the
+            vehicle brakes at the finish.
     """
 
     def __init__(self, found: ReadBack, vehicle: Vehicle, settings: LinkSettings, lockstep: bool, blocks=()):
@@ -78,6 +85,7 @@ class MspLink:
         self.frames_sent = 0
         self.command_stamp_ns = 0
         self.failsafe = False
+        self.space: BrakingSpace | None = None
         self.events: deque[tuple[str, str]] = deque()
         ticks = (settings.status_ticks, settings.battery_ticks, settings.rotor_ticks)
         self.session = MspSession(*ticks, bounded=not lockstep)
@@ -94,6 +102,7 @@ class MspLink:
         tilt = math.radians(settings.failsafe_level_tilt_deg)
         self._limits = DescentLimits(tilt, settings.failsafe_descent_s)
         self._descent: Descent | None = None
+        self._finished_s: float | None = None  # of a race whose pilot still flies on
         self._reckoning: DeadReckoning | None = None
         self._thrust = 0.0  # m/s^2, of the last frame
         self._command: BodyRateThrust | None = None
@@ -262,6 +271,8 @@ class MspLink:
             self.phase = Phase.PODIUM
         while self._race_states and self._race_states[0][1] <= reached_ns:
             self._follow_race(self._race_states.popleft()[0], now)
+        if self.phase is Phase.RACING and self._finished_s is not None:
+            self._brake_when_free(now)
         if self.phase in (Phase.IDLE, Phase.OVER):
             self._watchdog.clear_jump()  # the clock may be set while the motors stand still
         elif self.phase is Phase.ARMING:
@@ -273,11 +284,13 @@ class MspLink:
 
     def _follow_race(self, race_state: str, now: ClockReading) -> None:
         if race_state == judge.ARMED and self.phase in (Phase.IDLE, Phase.OVER):
-            self.phase, self.failsafe = Phase.ARMING, False
+            self.phase, self.failsafe, self._finished_s = Phase.ARMING, False, None
         elif race_state == judge.RACING and self.phase is Phase.PODIUM:
             self.phase = Phase.RACING
         elif race_state == judge.RACING and self.phase is not Phase.RACING:
             self.events.append(("error", "race/start came while the flight controller was not armed"))
+        elif race_state == judge.FINISHED and self.phase is Phase.RACING:
+            self._finish()
         elif race_state in PLANNED_ENDS and self.phase is Phase.RACING:
             self._begin_descent(now, planned=True)
         elif race_state == judge.LOST and self.phase is Phase.RACING:
@@ -287,6 +300,29 @@ class MspLink:
         elif race_state == judge.IDLE and self.phase is not Phase.IDLE:
             self._end()
             self.phase = Phase.IDLE
+
+    def _finish(self) -> None:
+        """Note the finish; the pilot flies on until nothing is in the way of braking."""
+        self._finished_s = self._watchdog.time_s
+        if not self._has_space():
+            self.events.append(("ok", f"finished; {IN_THE_WAY}, so the pilot flies on"))
+
+    def _brake_when_free(self, now: ClockReading) -> None:
+        """After the finish, begin to brake where nothing is in the way, at the latest after FLY_ON_S."""
+        assert self._finished_s is not None  # the caller asked
+        has_space, over = self._has_space(), self._watchdog.time_s - self._finished_s >= FLY_ON_S
+        if over and not has_space:
+            self.events.append(("warn", f"{IN_THE_WAY}; it begins all the same, {FLY_ON_S:g} s after the finish"))
+        if over or has_space:
+            self._begin_descent(now, planned=True)
+
+    def _has_space(self) -> bool:
+        """Return whether the way of braking is free; with the time since the finish a narrower one counts as free."""
+        if self.space is None or self._state is None or self._finished_s is None:
+            return True
+        share = min((self._watchdog.time_s - self._finished_s) / FLY_ON_S, 1.0)
+        wanted_m, accepted_m = SPACE_M
+        return self.space.clearance_m(self._state) >= wanted_m + share * (accepted_m - wanted_m)
 
     def _check_faults(self, now: ClockReading) -> None:
         if not self.armed:
@@ -340,7 +376,8 @@ class MspLink:
         """Return the motion: by the state without a fault of it, else by the flight controller's attitude."""
         if self._state is not None and not self._watchdog.fault(now, (STATE,)):
             self._reckoning = None
-            return motion_of(self._state.q_world_body, self._state.v_body)
+            motion = motion_of(self._state.q_world_body, self._state.v_body)
+            return motion if self.space is None else replace(motion, height=self.space.height_m(self._state))
         time_s, angles = self._watchdog.time_s, self.session.attitude
         if angles is None or time_s - self.session.attitude_s > FRESH_S:
             return Motion()

@@ -9,6 +9,7 @@ from rclpy.clock import Clock, ClockType
 
 from swift_ros import configuration
 from swift_ros.betaflight import read_back
+from swift_ros.betaflight.braking_space import BrakingSpace
 from swift_ros.betaflight.link import COMMAND, JUDGE, STATE, MspLink, Phase
 from swift_ros.betaflight.link_settings import LinkSettings
 from swift_ros.betaflight.msp_messages import Code
@@ -18,6 +19,7 @@ from swift_ros.messages.control import from_command, to_battery, to_link, to_rot
 from swift_ros.messages.motion import from_odometry
 from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
+from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_ros.working_time import WorkingTime
 
@@ -44,6 +46,8 @@ class BetaflightNode(Shell):
             self.get_logger().info(sentence)
         blocks = read_back.check(found, vehicle, settings.receiver, settings.firmware_failsafe_s)
         self._link = MspLink(found, vehicle, settings, self.lockstep, blocks)
+        if settings.state_required:  # manual flight has no place in the map
+            self._link.space = BrakingSpace(configuration.load(Track, self.folder / "track.yaml"), vehicle)
         self._reports_rotors, self._rotors = found.reports_rotors, len(vehicle.rotors)
         self._reached_ns, self._reported_s, self._patience_s = 0, {}, FIRST_ANSWER_S
         self._link_topic, self._battery_topic = self.publisher("betaflight/link"), self.publisher("battery")

@@ -38,6 +38,7 @@ def command(subparsers) -> None:
     add_flight_controller(parser)
     parser.add_argument("--out", metavar="DIR", default="recordings/race", help="for results (default: %(default)s)")
     parser.add_argument("--real-time", action="store_true", help="system clock: nothing waits for a late node")
+    parser.add_argument("--land", action="store_true", help="fly and record until the vehicle stands on the ground")
     parser.add_argument(
         "--discovery", choices=DISCOVERY, default="local", help="who can reach the graph (default: %(default)s)"
     )
@@ -68,6 +69,7 @@ def run(arguments) -> int:
             discovery=arguments.discovery,
             progress=lambda line: print(line, flush=True),
             sitl=sitl,
+            land=arguments.land,
         )
         try:
             race.fly(seed, options)

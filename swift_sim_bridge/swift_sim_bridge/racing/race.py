@@ -18,8 +18,8 @@ RACERS = tuple(name for name in NODES if name != "camera")  # the simulator stan
 ARM_S, START_S = 1.0, 0.5  # delays of arming after the first link status, and of the start after arming
 START_PATIENCE_S = 300.0  # working time: processes start, the simulator compiles
 QUIET_PATIENCE_S = 90.0  # working time: longest silence of the graph
-AFTER_FINISH_S = 0.5  # race clock: the recording goes on for so long after a finish
-AFTER_END_S = 16.0  # race clock: the vehicle must have levelled, braked and sunk within this time after another end
+AFTER_FINISH_S = 0.5  # race clock: the recording goes on for so long after a finish, unless RaceOptions.land
+AFTER_END_S = 24.0  # race clock: the vehicle must have flown on, levelled, braked and sunk within this time
 AFTER_END_PATIENCE_S = 60.0  # working time: limit of both
 
 
@@ -34,6 +34,7 @@ class RaceOptions:
         discovery: who can reach the graph, "local" or "subnet".
         progress: called with each line to print.
         sitl: path of a Betaflight SITL binary in place of the simulated flight controller; "" for none.
+        land: follow the vehicle to the ground after a finish, too.
         parameters: further ROS parameters by node, which precede those of `node_parameters`.
     """
 
@@ -43,6 +44,7 @@ class RaceOptions:
     discovery: str
     progress: Callable[[str], None]
     sitl: str = ""
+    land: bool = False
     parameters: dict[str, dict] = field(default_factory=dict)
 
 
@@ -154,7 +156,8 @@ class Flight:
         no_link = "betaflight" in self._failed  # then the race clock is not known
         clock = time.monotonic if no_link else listener.working_time.now_s
         deadline_s = clock() + (AFTER_END_S if no_link else AFTER_END_PATIENCE_S)
-        end_ns, wait_s = listener.end.stamp_ns, AFTER_FINISH_S if listener.end.state == FINISHED else AFTER_END_S
+        lands = self.options.land or listener.end.state != FINISHED
+        end_ns, wait_s = listener.end.stamp_ns, AFTER_END_S if lands else AFTER_FINISH_S
         while listener.armed and listener.link_ns - end_ns < 1e9 * wait_s and clock() < deadline_s:
             listener.spin()
             self.nodes.faults()

@@ -77,7 +77,7 @@ def add_brightness(total, stack, scene: Scene, pose, rays: Rays, pixel_angle: fl
     """
     brighter, near = _add_walls(total, stack, scene, pose, rays, pixel_angle)
     for batch in _batches(np.flatnonzero(near)):
-        brighter = _add_plates(brighter, total, batch, stack, scene, pose, rays, pixel_angle)
+        brighter = _add_plates((total, brighter), batch, stack, scene, (pose, rays), pixel_angle)
     return brighter
 
 
@@ -100,8 +100,12 @@ def _add_walls(total, stack, scene: Scene, pose, rays: Rays, pixel_angle):
 
 
 @partial(jax.jit, static_argnames=("pixel_angle",))
-def _add_plates(brighter, total, batch, stack, scene: Scene, pose, rays: Rays, pixel_angle):
-    """Return `brighter` (n,) with new values at the indices `batch`: `total` plus the brightness of plates and walls."""
+def _add_plates(sums, batch, stack, scene: Scene, camera: tuple, pixel_angle):
+    """Return the brightness (n,) after a pose, corrected at the indices `batch` of rays that may meet a plate.
+
+    `sums` is the brightness before the pose and that with the walls alone, `camera` the pose and its rays.
+    """
+    (total, brighter), (pose, rays) = sums, camera
     plates, view = _in_world(scene.plates, pose, jax.tree.map(lambda values: values[..., batch], rays))
     distance, wall = _surroundings(scene.room, view, pixel_angle)
     front, behind, cover = _layers(_covers(plates, view, distance, pixel_angle), distance)

@@ -8,8 +8,8 @@ import pytest
 from fake_firmware import ANGLE_AUX, ARM_AUX, BOOT_GRACE_FLAG, THROTTLE_FLAG, FakeFirmware
 from link_story import VEHICLE, Story, is_angle, is_armed, settings
 
+from swift_ros.betaflight import link, pack, read_back, sticks
 from swift_ros.betaflight import msp_messages as wire
-from swift_ros.betaflight import pack, read_back, sticks
 from swift_ros.betaflight.link import Phase
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.errors import UsageError
@@ -52,6 +52,61 @@ def test_a_fast_finish_first_brakes_against_the_velocity():
     story.v_body = np.array([0.5, 0.0, 0.0])
     story.play(1.6)
     assert story.link.phase is Phase.OVER
+
+
+class Space:
+    """Stands for the space that braking takes."""
+
+    clearance = 0.0
+
+    def clearance_m(self, state):
+        return self.clearance
+
+    def height_m(self, state):
+        return 5.0
+
+
+def test_after_the_finish_the_pilot_flies_on_until_nothing_is_in_the_way_of_braking():
+    space = Space()
+    story = Story(space=space).race().announce("finished").mark().play(1.0)
+    assert story.link.phase is Phase.RACING and not any(is_angle(c) for _, c in story.history)
+    assert [text for _, text in story.link.events] == [f"finished; {link.IN_THE_WAY}, so the pilot flies on"]
+    space.clearance = 2.0
+    story.mark().play(0.1)
+    assert story.link.phase is Phase.ENDING and story.first(is_angle) <= 0.011
+    assert story.play(3.0).link.phase is Phase.OVER and not story.link.failsafe
+    # the next race begins anew
+    story.announce("idle").play(0.5).race()
+    assert story.play(0.5).link.phase is Phase.RACING
+
+
+def test_with_time_a_narrower_way_is_accepted():
+    space = Space()
+    space.clearance = sum(link.SPACE_M) / 2
+    story = Story(space=space).race().announce("finished").mark().play(link.FLY_ON_S)
+    assert story.first(is_angle) == pytest.approx(link.FLY_ON_S / 2, abs=0.03)
+    assert not any(level == "warn" for level, _ in story.link.events)
+
+
+def test_a_way_that_is_never_free_does_not_keep_the_vehicle_in_the_air():
+    story = Story(space=Space()).race().announce("finished").mark().play(link.FLY_ON_S + 0.1)
+    assert story.link.phase is Phase.ENDING
+    assert story.first(is_angle) == pytest.approx(link.FLY_ON_S, abs=0.03)
+    assert any(level == "warn" and "begins all the same" in text for level, text in story.link.events)
+
+
+@pytest.mark.parametrize("end", ["missed", "stopped", "lost"])
+def test_another_end_than_the_finish_does_not_wait(end):
+    story = Story(space=Space()).race().announce(end).mark().play(0.1)
+    assert story.link.phase is Phase.ENDING and story.first(is_angle) <= 0.011
+
+
+@pytest.mark.parametrize("source", ["command", "state", "judge"])
+def test_a_fault_while_the_pilot_flies_on_ends_the_flight_as_in_a_race(source):
+    story = Story(space=Space()).race().announce("finished").play(0.5).mark()
+    story.alive.discard(source)
+    story.play(0.5)
+    assert story.link.failsafe and story.first(is_angle) <= (0.23 if source == "judge" else 0.08)
 
 
 def test_a_frame_follows_the_channel_map_and_contains_every_channel():

@@ -113,7 +113,7 @@ def frames_hit(camera, track, p_world, q, edge_px):
 
 
 def test_every_ray_that_hits_a_frame_shows_it_and_no_other_does(camera, track, circle):
-    """Also from amid a gate, close behind one, and looking away: which rays are computed with the gates must not show."""
+    """Also from amid a gate, close behind one, and looking away: the choice of rays near gates must not show."""
     rng, scene, hits = np.random.default_rng(3), black_and_white(track), 0
     for k in range(40):
         away = rng.normal(0.0, (0.4, 2.0, 8.0, 20.0)[k % 4], 3)
