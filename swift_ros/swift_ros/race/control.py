@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from swift_ros.configuration import refuse_outside, setting
 from swift_ros.graph.topic_table import NODES
-from swift_ros.race.judge import ARMED, ENDS, IDLE, LOST, RACING, STOPPED, Judge, RaceEvent
+from swift_ros.race.judge import ARMED, ENDS, FINISHED, IDLE, LOST, RACING, STOPPED, Judge, RaceEvent
 from swift_ros.types import Odometry
 
 # ns; automatic arming and start fall on whole multiples of this, so that a late answer rarely changes their stamp.
@@ -131,8 +131,11 @@ class RaceControl:
     def stop(self, now_ns: int, text: str = "stopped by race/stop") -> list[RaceEvent]:
         """End the race, or the arming, by request; a second request stops the motors of a vehicle that still descends.
 
-        Raises Refused when there is nothing to stop.
+        After the finish, while the pilot may fly on, the first request makes the vehicle brake. Raises Refused when there
+        is nothing to stop.
         """
+        if self.state == FINISHED and self._link is not None and self._link.armed:
+            return [self._move(now_ns, STOPPED, f"{text}, after the finish")]
         if self.state in ENDS and self._link is not None and self._link.armed:
             return [self._move(now_ns, IDLE, "motors stopped by race/stop")]
         if self.state not in (ARMED, RACING):

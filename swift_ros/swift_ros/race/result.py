@@ -83,6 +83,8 @@ def judge_again(record: RaceRecord, track: Track, vehicle: Vehicle) -> list[Race
     """
     truth = record.odometry["ground_truth/odometry"]
     published = [event for event in record.events if event.is_passage or event.state in ENDS]
+    ends = [k for k, event in enumerate(published) if event.state in ENDS]
+    published = published[: ends[0] + 1] if ends else published  # after the finish a race may be stopped, too
     if not truth or record.start_ns is None:
         return published
     judge = Judge(track, vehicle.hull_radius, vehicle.hull_height)

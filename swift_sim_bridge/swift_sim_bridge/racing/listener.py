@@ -129,7 +129,7 @@ class Listener:
         if event.state != IDLE:
             self._progress(self._line(event))
         if event.state in ENDS:
-            self.end = event
+            self.end = self.end or event  # after the finish a race may be stopped, too
 
     def _diagnostic(self, message) -> None:
         for line in self._warnings.new(message):

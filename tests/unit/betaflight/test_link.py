@@ -101,6 +101,11 @@ def test_another_end_than_the_finish_does_not_wait(end):
     assert story.link.phase is Phase.ENDING and story.first(is_angle) <= 0.011
 
 
+def test_a_stop_while_the_pilot_flies_on_makes_the_vehicle_brake():
+    story = Story(space=Space()).race().announce("finished").play(0.5).announce("stopped").mark().play(0.1)
+    assert story.link.phase is Phase.ENDING and story.first(is_angle) <= 0.011 and is_armed(story.history[-1][1])
+
+
 @pytest.mark.parametrize("source", ["command", "state", "judge"])
 def test_a_fault_while_the_pilot_flies_on_ends_the_flight_as_in_a_race(source):
     story = Story(space=Space()).race().announce("finished").play(0.5).mark()

@@ -139,6 +139,17 @@ def test_stop_disarming_time_limit_and_crash_end_a_race():
     assert crash.abort(1, "late") == []
 
 
+def test_after_the_finish_the_first_stop_brakes_and_the_second_one_stops_the_motors():
+    race = racing()
+    race.state = "finished"
+    assert [event.state for event in race.stop(1) + race.stop(2)] == ["stopped", "idle"]
+    landed = racing()
+    landed.state = "finished"
+    landed.update_link(LinkStatus(TICK_NS, armed=False))
+    with pytest.raises(Refused, match="nothing to stop"):
+        landed.stop(1)
+
+
 def test_after_an_end_a_new_race_may_be_armed_and_started():
     race = racing()
     race.stop(5)

@@ -118,6 +118,11 @@ def test_without_ground_truth_the_published_race_is_the_result(tmp_path, vehicle
     record(tmp_path, {"state/odometry": odometry(course())}, [*STARTED, passage, RaceEvent(3_000_000_000, "stopped")])
     result, _ = race_bag.read_race(tmp_path, TRACK, vehicle)
     assert (result.end, result.gates_passed) == ("stopped", 1)
+    (tmp_path / "finish").mkdir()
+    finish = RaceEvent(3_000_000_000, "finished", 1, 1, split_s=1.0)
+    events = [*STARTED, passage, finish, RaceEvent(3_500_000_000, "stopped")]
+    record(tmp_path / "finish", {"state/odometry": odometry(course())}, events)
+    assert race_bag.read_race(tmp_path / "finish", TRACK, vehicle)[0].finished  # stopped after the finish
     assert (result.truth_sha256, result.min_gate_margin_m) == (None, None)
 
 
