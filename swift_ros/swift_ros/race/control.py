@@ -131,8 +131,8 @@ class RaceControl:
     def stop(self, now_ns: int, text: str = "stopped by race/stop") -> list[RaceEvent]:
         """End the race, or the arming, by request; a second request stops the motors of a vehicle that still descends.
 
-        After the finish, while the pilot may fly on, the first request makes the vehicle brake. Raises Refused when there
-        is nothing to stop.
+        After the finish, while the pilot may fly on, the first request makes the vehicle brake. Raises Refused when
+        there is nothing to stop.
         """
         if self.state == FINISHED and self._link is not None and self._link.armed:
             return [self._move(now_ns, STOPPED, f"{text}, after the finish")]
