@@ -24,6 +24,7 @@ LEAN_PER_SPEED = 0.12  # rad per m/s: below 5.8 m/s the lean decreases with the 
 CLIMB_DAMPING = 2.0  # 1/s, thrust per climb rate: its error decays with a time constant of 0.5 s
 SINK_M_S = 1.0  # m/s; a vehicle that touches the ground faster than 1.5 m/s counts as crashed
 SETTLED_S = 1.0  # s of sinking after which a vehicle in the air sinks at nearly SINK_M_S
+TOUCH_M = 0.3  # m, height at which a vehicle may touch the ground
 STANDING_M_S, STANDING_S = 0.3, 0.2  # m/s and s: one that sinks slower than this for so long stands on something
 MAX_SINK_S = 10.0  # s, longest sinking by the state: from 10 m, the height of a hall
 BLIND_THRUST = 0.9  # share of hover thrust: with an error of 5 % the vehicle still sinks, at 3.5 m/s after 4 m at most
@@ -149,8 +150,8 @@ class Descent:
     """The end of a flight in angle mode: level, brake against the velocity, sink to the ground, disarm.
 
     With a state the vehicle sinks at SINK_M_S until it stands on something. Without one it sinks with a thrust somewhat
-    below hover, which then goes to zero: after the time from the last known height to the ground, for a touch of the
-    ground may look like a jump of the odometry.
+    below hover, which then goes to zero. Where it was lost in a settled descent that takes no longer than from the last
+    known height to the ground: a touch of the ground may look like a jump of the odometry.
 
     While levelling the throttle is closed: thrust of a vehicle that flies on its side or upside down leads to the
     ground. With unknown attitude or velocity the motors stop at once.
@@ -166,12 +167,12 @@ class Descent:
             limits: of the descent.
             motion: at its begin.
             time_s: `InputWatchdog.time_s`.
-            planned: the flight ends as planned, near level: braking begins at once.
+            planned: the flight ends as planned: braking begins at once, from the attitude of the race.
         """
         self._limits = limits
         self._since_s = self._sinking_s = time_s
         self._blind_since_s: float | None = None
-        self._height: float | None = None  # m, the last one while sinking
+        self._height: float | None = None  # m, the last one in a settled descent
         if motion.tilt is None or motion.v_heading is None:
             self.stage = Stage.OVER
         else:
@@ -199,13 +200,17 @@ class Descent:
             self._enter(Stage.SINKING, time_s)
         if self.stage is Stage.OVER:
             return STOPPED
-        measured = motion.measured and self._blind_since_s is None and time_s - self._since_s < MAX_SINK_S
+        too_long = time_s - self._since_s >= MAX_SINK_S  # then the height is wrong, too
+        self._height = None if too_long else self._height
+        measured = motion.measured and self._blind_since_s is None and not too_long
         return self._sink(motion, time_s) if measured else self._sink_blindly(time_s)
 
     def _sink(self, motion: Motion, time_s: float) -> SafeSticks:
         """Return the sticks that sink at SINK_M_S, or stop a vehicle that stands on something."""
         assert motion.v_heading is not None  # it is measured
-        self._height = motion.height
+        low = motion.height is not None and motion.height < TOUCH_M
+        settled = time_s - self._since_s >= SETTLED_S and (low or motion.v_heading[2] < -0.5 * SINK_M_S)
+        self._height = motion.height if settled else None
         if time_s - self._since_s < SETTLED_S or motion.v_heading[2] < -STANDING_M_S:
             self._sinking_s = time_s
         if time_s - self._sinking_s > STANDING_S:

@@ -33,7 +33,7 @@ FILL_S = 0.025  # s without a command, after which a frame is sent anyway; the f
 FRESH_S = 0.5  # s; an older answer of the flight controller, and an older speed, is not used
 CLOSED_US = 1000  # us, below min_check: the firmware's "throttle low"
 FLY_ON_S = 8.0  # s after the finish, longest wait for a free way to brake
-SPACE_M = (1.5, 0.3)  # m between hull and gates while braking: wanted at the finish, and accepted after FLY_ON_S
+SPACE_M = (1.5, 0.5)  # m between hull and gates while braking: wanted at the finish, and accepted after FLY_ON_S
 CENTRED = np.zeros(3)
 DEFAULT_ANGLE_LIMIT_DEG = 60  # deg, the firmware's default, for firmware that does not report its limit
 OVERLOADED = (
@@ -55,6 +55,11 @@ class Phase(enum.Enum):
 FLYING = (Phase.RACING, Phase.ENDING)
 PLANNED_ENDS = (judge.MISSED, judge.STOPPED)  # of a race whose vehicle flies well, besides the finish
 IN_THE_WAY = "a gate, the ground or the edge of the flight volume is in the way of braking"
+
+
+def angle_limit(found: ReadBack) -> float:
+    """Return the largest roll and pitch of the flight controller's angle mode, rad."""
+    return math.radians(found.pid.angle_limit_deg if found.pid else DEFAULT_ANGLE_LIMIT_DEG)
 
 
 class MspLink:
@@ -226,7 +231,9 @@ class MspLink:
 
     def arming_blocks(self, now: ClockReading) -> list[str]:
         """Return the reasons not to arm: the firmware's flags by name, others as "NAME: sentence"; armed: none."""
-        if self.phase in (Phase.PODIUM, *FLYING):
+        if self.phase is Phase.ENDING or self._finished_s is not None and self.phase is Phase.RACING:
+            return ["FLIGHT: the last flight has not ended yet"]
+        if self.phase in (Phase.PODIUM, Phase.RACING):
             return []
         blocks, status = list(self._blocks), self.session.status
         if status is None or not self._lockstep and now.steady_s - self.session.replied_s > FRESH_S:
@@ -414,8 +421,7 @@ class MspLink:
             self._end()
             return self._composer.channels(self._sticks(CENTRED), CLOSED_US, arm=False, angle=True)
         # In angle mode the firmware maps the share of the largest rate to the same share of its largest angle.
-        limit_deg = self._found.pid.angle_limit_deg if self._found.pid else DEFAULT_ANGLE_LIMIT_DEG
-        share = np.clip(np.array([*safe.lean, 0.0]) / math.radians(limit_deg), -1.0, 1.0)
+        share = np.clip(np.array([*safe.lean, 0.0]) / angle_limit(self._found), -1.0, 1.0)
         leaning = self._sticks(share * sticks.max_rates(self._curves))
         return self._composer.channels(leaning, self._throttle_us(safe.thrust or 0.0), arm=True, angle=True)
 

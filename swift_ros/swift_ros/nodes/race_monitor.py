@@ -102,7 +102,12 @@ class RaceMonitorNode(Shell):
         answered_ns = from_time(message.command_stamp)
         stamp_ns = answered_ns if self.lockstep else from_time(message.header.stamp)
         link = LinkStatus(
-            stamp_ns, message.armed, tuple(message.arming_blocks), message.failsafe, reason=self._link_error
+            stamp_ns,
+            message.armed,
+            tuple(message.arming_blocks),
+            "ANGLE" in message.modes,
+            message.failsafe,
+            self._link_error,
         )
         events = self.control.update_link(link)
         self._failsafe_links = self._failsafe_links + 1 if link.failsafe else 0
@@ -166,7 +171,7 @@ class RaceMonitorNode(Shell):
         self.topic_monitor.count_check()
         if now_ns != self._clock_ns:
             self._clock_ns, self._clock_moved_s = now_ns, steady_s
-        if self.control.state not in (ARMED, RACING):
+        if self.control.state not in (ARMED, RACING) and not self.control.flies_on:
             return
         silent = self.topic_monitor.silent_topics(now_ns)
         stalled = steady_s - self._clock_moved_s > self.settings.stall_s

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from swift_ros.configuration import refuse_outside, setting
 from swift_ros.graph.topic_table import NODES
-from swift_ros.race.judge import ARMED, ENDS, FINISHED, IDLE, LOST, RACING, STOPPED, Judge, RaceEvent
+from swift_ros.race.judge import ARMED, CRASHED, ENDS, FINISHED, IDLE, LOST, RACING, STOPPED, Judge, RaceEvent
 from swift_ros.types import Odometry
 
 # ns; automatic arming and start fall on whole multiples of this, so that a late answer rarely changes their stamp.
@@ -46,6 +46,7 @@ class LinkStatus:
         stamp_ns: of the message.
         armed: the flight controller is armed.
         arming_blocks: reasons why it does not arm.
+        angle: the flight controller is in angle mode, on the ground or as it ends a flight.
         failsafe: the failsafe of the betaflight node is active.
         reason: what the node last reported as an error since the race was armed; empty without one.
     """
@@ -53,6 +54,7 @@ class LinkStatus:
     stamp_ns: int
     armed: bool = False
     arming_blocks: tuple[str, ...] = ()
+    angle: bool = False
     failsafe: bool = False
     reason: str = ""
 
@@ -87,6 +89,7 @@ class RaceControl:
         self._link: LinkStatus | None = None
         self._arming_blocks: tuple[str, ...] = ()  # the last ones since the race was armed
         self._first_link_ns: int | None = None
+        self._was_armed = False  # a race is armed by itself once
         self._pose_ns: int | None = None
 
     @property
@@ -95,6 +98,12 @@ class RaceControl:
         if not self._ahead or self._pose_ns is None or self._link is None:
             return self._pose_ns if not self._ahead else None
         return min(self._pose_ns, self._link.stamp_ns)
+
+    @property
+    def flies_on(self) -> bool:
+        """Whether the pilot flies on after the finish, until the way of braking is free."""
+        link = self._link
+        return self.state == FINISHED and link is not None and link.armed and not link.angle and not link.failsafe
 
     def idle(self) -> RaceEvent:
         """Return the event of a race that has not begun."""
@@ -109,13 +118,13 @@ class RaceControl:
         link = self._link
         if link is None or now_ns - link.stamp_ns > LINK_FRESH_NS:
             raise Refused("betaflight/link is silent; start the betaflight node and connect the flight controller")
-        if link.arming_blocks:
-            raise Refused(f"the flight controller does not arm: {', '.join(link.arming_blocks)}")
         if link.failsafe and link.armed:
             raise Refused(
                 f"the failsafe is ending a flight ({link.reason or 'no reason reported'}); wait until disarmed"
             )
-        self._arming_blocks = ()
+        if link.arming_blocks:
+            raise Refused(f"the flight controller does not arm: {', '.join(link.arming_blocks)}")
+        self._arming_blocks, self._was_armed = (), True
         return [self._move(now_ns + self._lead_ns, ARMED, "armed, rotors idle")]
 
     def start(self, now_ns: int) -> list[RaceEvent]:
@@ -131,10 +140,10 @@ class RaceControl:
     def stop(self, now_ns: int, text: str = "stopped by race/stop") -> list[RaceEvent]:
         """End the race, or the arming, by request; a second request stops the motors of a vehicle that still descends.
 
-        After the finish, while the pilot may fly on, the first request makes the vehicle brake. Raises Refused when
-        there is nothing to stop.
+        While the pilot flies on after the finish, the first request makes the vehicle brake. Raises Refused when there
+        is nothing to stop.
         """
-        if self.state == FINISHED and self._link is not None and self._link.armed:
+        if self.flies_on:
             return [self._move(now_ns, STOPPED, f"{text}, after the finish")]
         if self.state in ENDS and self._link is not None and self._link.armed:
             return [self._move(now_ns, IDLE, "motors stopped by race/stop")]
@@ -144,11 +153,13 @@ class RaceControl:
 
     def abort(self, now_ns: int, text: str) -> list[RaceEvent]:
         """End the race, or the arming, as lost because of a fault; do nothing if there is none."""
-        return [self._move(now_ns, LOST, text)] if self.state in (ARMED, RACING) else []
+        return [self._move(now_ns, LOST, text)] if self.state in (ARMED, RACING) or self.flies_on else []
 
     def update_pose(self, pose: Odometry) -> list[RaceEvent]:
         """Judge one pose."""
         self._pose_ns = pose.stamp_ns
+        if self.flies_on and (touch := self._judge.touch(pose)):
+            return [self._move(pose.stamp_ns, CRASHED, f"{touch} after the finish")]
         if self.state != RACING:
             return []
         events = self._judge.update(pose)
@@ -170,7 +181,13 @@ class RaceControl:
             end = LOST if link.failsafe else STOPPED
             return [self._move(link.stamp_ns, end, f"the flight controller disarmed{why}")]
         auto = self._settings.auto_arm_s
-        if self.state == IDLE and auto and decisive and self._waited(link, self._first_link_ns, auto):
+        if (
+            self.state == IDLE
+            and auto
+            and not self._was_armed
+            and decisive
+            and self._waited(link, self._first_link_ns, auto)
+        ):
             try:
                 return self.arm(link.stamp_ns)
             except Refused as refusal:

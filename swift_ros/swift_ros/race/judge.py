@@ -150,6 +150,10 @@ class Judge:
                 break
         return events
 
+    def touch(self, pose: Odometry) -> str:
+        """Return a sentence on what the hull touches at one pose, or that it left the flight volume; "" for neither."""
+        return self._touch(pose.p_world, pose.q_world_body) if _is_finite(pose) else ""
+
     def _step(self, before, after, q_after, stamp_ns: int, step_ns: int) -> RaceEvent | None:
         """Judge one step; at most one event happens in it, and a touch comes before a passage."""
         end_ns = stamp_ns + step_ns

@@ -38,7 +38,7 @@ from swift_sim_bridge.racing.race import RACERS, Flight, RaceOptions
 from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS
 from swift_sim_bridge.tcp_ports import LOOPBACK, free_port
 
-DISARM_S = 20.0  # s of race clock, longest time for braking and descending
+DISARM_S = 28.0  # s of race clock, longest time for flying on, braking and descending
 SIGNALS = {KILL: signal.SIGKILL, TERMINATE: signal.SIGTERM, FREEZE: signal.SIGSTOP}
 AT_REST_S = 3.0  # s of race clock after disarming, in which the vehicle falls to the ground and comes to rest
 LINK_PATIENCE_S = 15.0  # working time; without a link for so long, the race clock is not known

@@ -19,7 +19,7 @@ ARM_S, START_S = 1.0, 0.5  # delays of arming after the first link status, and o
 START_PATIENCE_S = 300.0  # working time: processes start, the simulator compiles
 QUIET_PATIENCE_S = 90.0  # working time: longest silence of the graph
 AFTER_FINISH_S = 0.5  # race clock: the recording goes on for so long after a finish, unless RaceOptions.land
-AFTER_END_S = 24.0  # race clock: the vehicle must have flown on, levelled, braked and sunk within this time
+AFTER_END_S = 28.0  # race clock: the vehicle must have flown on, levelled, braked and sunk within this time
 AFTER_END_PATIENCE_S = 60.0  # working time: limit of both
 
 

@@ -35,6 +35,7 @@ def test_the_way_is_as_long_as_the_lean_allows_and_holds_the_height():
     assert shortest < way[-1, 0] < 15.0
     assert np.abs(way[:, 1]).max() < 1e-9 and np.abs(way[:, 2] - 4.0).max() < 0.5
     assert len(braking_way(state(velocity=(0.1, 0.0, 0.0)))) == 1  # slow already
+    assert braking_way(state(), math.radians(30.0))[-1, 0] > way[-1, 0] + 2.0
 
 
 def test_a_vehicle_on_its_side_is_carried_aside_before_it_brakes():
@@ -73,3 +74,8 @@ def test_floor_and_sides_of_the_flight_volume_are_in_the_way():
     ):
         assert clearance_m(position=position, velocity=velocity) == -math.inf
     assert clearance_m(position=(0.0, 0.0, 3.0), velocity=(10.0, 0.0, -4.0)) > 1.0
+
+
+def test_a_slow_vehicle_gains_nothing_by_flying_on():
+    assert clearance_m(Gate((0.1, 0.0, 4.0), 0.0), velocity=(1.0, 0.0, 0.0)) == math.inf
+    assert clearance_m(position=(0.0, 0.0, 0.05), velocity=(0.0, 0.0, 0.0)) == math.inf  # it lies on the ground

@@ -104,14 +104,27 @@ def test_a_vehicle_that_does_not_sink_is_let_down_in_the_end():
     assert thrusts[1390] < 0.1 * GRAVITY < thrusts[1200]
 
 
-@pytest.mark.parametrize(("height", "lasts_s"), [(0.0, 0.2), (2.0, 2.2), (20.0, 4.0), (None, 4.0)])
-def test_a_vehicle_that_loses_its_state_while_it_sinks_stops_when_it_must_be_on_the_ground(height, lasts_s):
+@pytest.mark.parametrize(
+    ("height", "up_m_s", "after_s", "lasts_s"),
+    [
+        (0.0, -0.9, 2.0, 0.2),
+        (0.1, 0.0, 1.1, 0.3),  # it stands
+        (2.0, -0.9, 2.0, 2.2),
+        (2.0, -0.9, 0.5, 4.0),  # not settled yet
+        (2.0, 0.0, 1.1, 4.0),  # it does not sink
+        (20.0, -0.9, 2.0, 4.0),
+        (None, -0.9, 2.0, 4.0),
+    ],
+)
+def test_a_vehicle_that_loses_its_state_as_it_sinks_stops_when_it_must_be_on_the_ground(
+    height, up_m_s, after_s, lasts_s
+):
     descent = Descent(DescentLimits(1.0, 4.0), motion_of(UPRIGHT, np.zeros(3)), 0.0, planned=True)
-    sinking = replace(motion_of(UPRIGHT, np.array([0.0, 0.0, -0.9])), height=height)
-    for k in range(200):
+    sinking = replace(motion_of(UPRIGHT, np.array([0.0, 0.0, up_m_s])), height=height)
+    for k in range(round(100 * after_s)):
         assert descent.sticks(sinking, 0.01 * k).armed
     blind = Motion(tilt=0.1)
-    stopped_s = next(0.01 * k for k in range(1000) if not descent.sticks(blind, 2.0 + 0.01 * k).armed)
+    stopped_s = next(0.01 * k for k in range(1000) if not descent.sticks(blind, after_s + 0.01 * k).armed)
     assert stopped_s == pytest.approx(lasts_s, abs=0.02)
 
 

@@ -71,10 +71,12 @@ def test_after_the_finish_the_pilot_flies_on_until_nothing_is_in_the_way_of_brak
     story = Story(space=space).race().announce("finished").mark().play(1.0)
     assert story.link.phase is Phase.RACING and not any(is_angle(c) for _, c in story.history)
     assert [text for _, text in story.link.events] == [f"finished; {link.IN_THE_WAY}, so the pilot flies on"]
+    assert "FLIGHT: the last flight has not ended" in story.blocks
     space.clearance = 2.0
     story.mark().play(0.1)
     assert story.link.phase is Phase.ENDING and story.first(is_angle) <= 0.011
-    assert story.play(3.0).link.phase is Phase.OVER and not story.link.failsafe
+    assert "FLIGHT: the last flight has not ended" in story.blocks
+    assert story.play(3.0).link.phase is Phase.OVER and not story.link.failsafe and story.blocks == ""
     # the next race begins anew
     story.announce("idle").play(0.5).race()
     assert story.play(0.5).link.phase is Phase.RACING

@@ -1,5 +1,7 @@
 """The course of a race: who may arm and start, what ends it, and that lockstep decides by stamps only."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -139,15 +141,42 @@ def test_stop_disarming_time_limit_and_crash_end_a_race():
     assert crash.abort(1, "late") == []
 
 
-def test_after_the_finish_the_first_stop_brakes_and_the_second_one_stops_the_motors():
+def finished(**link) -> RaceControl:
+    """A race after its finish, whose pilot flies on where `link` does not say otherwise."""
     race = racing()
     race.state = "finished"
-    assert [event.state for event in race.stop(1) + race.stop(2)] == ["stopped", "idle"]
-    landed = racing()
-    landed.state = "finished"
-    landed.update_link(LinkStatus(TICK_NS, armed=False))
+    race.update_link(LinkStatus(TICK_NS, **({"armed": True} | link)))
+    return race
+
+
+def test_while_the_pilot_flies_on_the_first_stop_brakes_and_the_second_one_stops_the_motors():
+    flies_on = finished()
+    assert [event.state for event in flies_on.stop(1) + flies_on.stop(2)] == ["stopped", "idle"]
+    assert [event.state for event in finished(angle=True).stop(1)] == ["idle"]  # it brakes already
     with pytest.raises(Refused, match="nothing to stop"):
-        landed.stop(1)
+        finished(armed=False).stop(1)
+
+
+def test_while_the_pilot_flies_on_a_touch_a_lost_node_and_the_flight_volume_end_the_flight():
+    beside_opening = replace(pose(2), p_world=np.array([5.0, 0.8, 2.0]))
+    (touch,) = finished().update_pose(beside_opening)
+    assert (touch.state, touch.text) == ("crashed", "touched gate 1 after the finish")
+    (away,) = finished().update_pose(pose(2, 25.0))
+    assert (away.state, away.text) == ("crashed", "left the flight volume after the finish")
+    assert finished().abort(1, "policy fell silent")[0].state == "lost"
+    for landing in ({"angle": True}, {"armed": False}, {"failsafe": True}):
+        race = finished(**landing)
+        assert race.update_pose(pose(2, 25.0)) == [] and race.abort(1, "late") == []
+
+
+def test_a_race_is_armed_by_itself_once():
+    race = control(auto_arm_s=1.0)
+    events = [event for t in range(300) for event in race.update_link(LinkStatus(t * TICK_NS, armed=t > 120))]
+    assert [event.state for event in events] == ["armed"]
+    race.stop(300 * TICK_NS)
+    race.stop(301 * TICK_NS)
+    assert race.state == "idle"
+    assert [event for t in range(302, 900) for event in race.update_link(LinkStatus(t * TICK_NS))] == []
 
 
 def test_after_an_end_a_new_race_may_be_armed_and_started():
