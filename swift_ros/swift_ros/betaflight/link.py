@@ -35,7 +35,6 @@ CLOSED_US = 1000  # us, below min_check: the firmware's "throttle low"
 FLY_ON_S = 8.0  # s after the finish, longest wait for a free way to brake
 SPACE_M = (1.5, 0.5)  # m between hull and gates while braking: wanted at the finish, and accepted after FLY_ON_S
 CENTRED = np.zeros(3)
-DEFAULT_ANGLE_LIMIT_DEG = 60  # deg, the firmware's default, for firmware that does not report its limit
 OVERLOADED = (
     "the flight controller does not keep up with 100 frames a second; set serial_update_rate_hz 1000 in its CLI"
 )
@@ -55,11 +54,6 @@ class Phase(enum.Enum):
 FLYING = (Phase.RACING, Phase.ENDING)
 PLANNED_ENDS = (judge.MISSED, judge.STOPPED)  # of a race whose vehicle flies well, besides the finish
 IN_THE_WAY = "a gate, the ground or the edge of the flight volume is in the way of braking"
-
-
-def angle_limit(found: ReadBack) -> float:
-    """Return the largest roll and pitch of the flight controller's angle mode, rad."""
-    return math.radians(found.pid.angle_limit_deg if found.pid else DEFAULT_ANGLE_LIMIT_DEG)
 
 
 class MspLink:
@@ -231,7 +225,7 @@ class MspLink:
 
     def arming_blocks(self, now: ClockReading) -> list[str]:
         """Return the reasons not to arm: the firmware's flags by name, others as "NAME: sentence"; armed: none."""
-        if self.phase is Phase.ENDING or self._finished_s is not None and self.phase is Phase.RACING:
+        if self.phase is Phase.ENDING or self._flies_on:
             return ["FLIGHT: the last flight has not ended yet"]
         if self.phase in (Phase.PODIUM, Phase.RACING):
             return []
@@ -278,7 +272,7 @@ class MspLink:
             self.phase = Phase.PODIUM
         while self._race_states and self._race_states[0][1] <= reached_ns:
             self._follow_race(self._race_states.popleft()[0], now)
-        if self.phase is Phase.RACING and self._finished_s is not None:
+        if self._flies_on:
             self._brake_when_free(now)
         if self.phase in (Phase.IDLE, Phase.OVER):
             self._watchdog.clear_jump()  # the clock may be set while the motors stand still
@@ -313,6 +307,11 @@ class MspLink:
         self._finished_s = self._watchdog.time_s
         if not self._has_space():
             self.events.append(("ok", f"finished; {IN_THE_WAY}, so the pilot flies on"))
+
+    @property
+    def _flies_on(self) -> bool:
+        """Whether the pilot flies on after the finish, as in `RaceControl.flies_on`."""
+        return self.phase is Phase.RACING and self._finished_s is not None
 
     def _brake_when_free(self, now: ClockReading) -> None:
         """After the finish, begin to brake where nothing is in the way, at the latest after FLY_ON_S."""
@@ -421,7 +420,7 @@ class MspLink:
             self._end()
             return self._composer.channels(self._sticks(CENTRED), CLOSED_US, arm=False, angle=True)
         # In angle mode the firmware maps the share of the largest rate to the same share of its largest angle.
-        share = np.clip(np.array([*safe.lean, 0.0]) / angle_limit(self._found), -1.0, 1.0)
+        share = np.clip(np.array([*safe.lean, 0.0]) / self._found.angle_limit, -1.0, 1.0)
         leaning = self._sticks(share * sticks.max_rates(self._curves))
         return self._composer.channels(leaning, self._throttle_us(safe.thrust or 0.0), arm=True, angle=True)
 

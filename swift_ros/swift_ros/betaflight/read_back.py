@@ -3,6 +3,7 @@
 `FrameComposer` then composes stick frames for this configuration.
 """
 
+import math
 from dataclasses import dataclass
 
 from swift_ros.betaflight import msp_messages as wire
@@ -21,6 +22,7 @@ MAX_PAGES = 8  # of MSP_BOXIDS: permanent ids are bytes
 OLDEST_API = (1, 43)  # the first that reports the family of the rate curves
 FIRST_DIGITAL_PROTOCOL = 5  # DSHOT150
 ONE_IDLE_API = (1, 47)  # from 2025.12 on, one idle setting applies to all motor protocols
+DEFAULT_ANGLE_LIMIT_DEG = 60  # deg, the firmware's default, for firmware that does not report its limit
 MIN_FAILSAFE_DELAY_S = 0.1  # s, the firmware's lower bound
 OVERRIDE_TIMES_OUT_API = (1, 48)  # Betaflight 2026.6 returns the sticks to the pilot after 300 ms without MSP
 
@@ -82,6 +84,11 @@ class ReadBack:
         if self.api >= ONE_IDLE_API or self.advanced.motor_protocol >= FIRST_DIGITAL_PROTOCOL:
             return self.advanced.motor_idle
         return max(self.motor.min_throttle_us - 1000, 0) / 1000
+
+    @property
+    def angle_limit(self) -> float:
+        """Largest roll and pitch of angle mode, rad."""
+        return math.radians(self.pid.angle_limit_deg if self.pid else DEFAULT_ANGLE_LIMIT_DEG)
 
     @property
     def reports_rotors(self) -> bool:

@@ -10,7 +10,7 @@ from rclpy.clock import Clock, ClockType
 from swift_ros import configuration
 from swift_ros.betaflight import read_back
 from swift_ros.betaflight.braking_space import BrakingSpace
-from swift_ros.betaflight.link import COMMAND, JUDGE, STATE, MspLink, Phase, angle_limit
+from swift_ros.betaflight.link import COMMAND, JUDGE, STATE, MspLink, Phase
 from swift_ros.betaflight.link_settings import LinkSettings
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.transport import ConnectionLost, connect
@@ -48,7 +48,7 @@ class BetaflightNode(Shell):
         self._link = MspLink(found, vehicle, settings, self.lockstep, blocks)
         if settings.state_required:  # manual flight has no place in the map
             track = configuration.load(Track, self.folder / "track.yaml")
-            self._link.space = BrakingSpace(track, vehicle, angle_limit(found))
+            self._link.space = BrakingSpace(track, vehicle, found.angle_limit)
         self._reports_rotors, self._rotors = found.reports_rotors, len(vehicle.rotors)
         self._reached_ns, self._reported_s, self._patience_s = 0, {}, FIRST_ANSWER_S
         self._link_topic, self._battery_topic = self.publisher("betaflight/link"), self.publisher("battery")
