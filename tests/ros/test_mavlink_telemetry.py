@@ -9,6 +9,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from patience import PATIENCE_S
 from pymavlink.dialects.v20 import common
+from rclpy.experimental import EventsExecutor
 
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
@@ -32,7 +33,7 @@ def station():
         args=["--ros-args", "-r", "__ns:=/swift", "-p", f"endpoint:=udpout:127.0.0.1:{listener.getsockname()[1]}"]
     )
     node = MavlinkTelemetryNode()
-    executor = node.executor_type()
+    executor = EventsExecutor()
     executor.add_node(node)
     yield listener, node, executor
     node.close()

@@ -42,34 +42,29 @@ class Subscriber:
             raw: hand over CDR bytes instead of messages.
         """
         if not topic.shared:
-            callback = BoundCallback(self, topic, callback)
+            callback = BoundCallback(callback, PublisherCheck(self, topic))
         kind, profile = message_type(topic.type), qos_profile(topic, self.lockstep)
         return self.node.create_subscription(kind, topic.name, callback, profile, raw=raw)
 
 
-class BoundCallback:
-    """The callback of a subscription: calls another one with each message of the own publisher."""
+class PublisherCheck:
+    """Accepts the messages of one publisher of a topic, the first one found; reports the others."""
 
-    # rclpy hands over the message's number to callbacks with two parameters
-    __signature__ = inspect.Signature(
-        [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
-    )
-
-    def __init__(self, subscriber: Subscriber, topic: Topic, callback: Callable):
-        self._subscriber, self._topic, self._callback = subscriber, topic, callback
+    def __init__(self, subscriber: Subscriber, topic: Topic):
+        self._subscriber, self._topic = subscriber, topic
         self._binding = PublisherBinding(is_event=topic.rate_hz is None)
         self._reported_s = -REPORT_S
 
-    def __call__(self, *taken):
-        message, info = taken[0] if len(taken) == 1 else taken  # one pair: EventsExecutor of rclpy 7.1
+    def accepts(self, message, info: dict) -> bool:
+        """Return whether a message, given with its info or as CDR bytes, is of the own publisher."""
         sequence, time_s = info["publication_sequence_number"], time.monotonic()
         arrival = Arrival(sequence, 1e-9 * info["source_timestamp"], time_s)
         if sequence is None or self._is_own(message, arrival):  # None: the middleware has no numbers
             self._binding.accept(arrival)
-            self._callback(message)
-        else:
-            self._binding.refuse(arrival)
-            self._report_refused(time_s)
+            return True
+        self._binding.refuse(arrival)
+        self._report_refused(time_s)
+        return False
 
     def _is_own(self, message, arrival: Arrival) -> bool:
         origin = self._binding.origin(arrival)
@@ -88,6 +83,23 @@ class BoundCallback:
             topic = self._topic.name
             names = publisher_names(self._subscriber.node, topic)
             self._subscriber.report(f"a message on {topic} is not of its publisher and was refused; on it are {names}")
+
+
+class BoundCallback:
+    """The callback of a subscription: calls another one with each message that a check accepts."""
+
+    # rclpy hands over the message's number to callbacks with two parameters
+    __signature__ = inspect.Signature(
+        [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
+    )
+
+    def __init__(self, callback: Callable, check: PublisherCheck):
+        self._callback, self._check = callback, check
+
+    def __call__(self, *taken):
+        message, info = taken[0] if len(taken) == 1 else taken  # one pair: EventsExecutor of rclpy 7.1
+        if self._check.accepts(message, info):
+            self._callback(message)
 
 
 def publisher_names(node, topic: str) -> str:

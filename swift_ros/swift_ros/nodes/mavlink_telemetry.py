@@ -15,7 +15,7 @@ from swift_ros.configuration import setting
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.messages.motion import from_odometry
 from swift_ros.messages.serialization import message_type
-from swift_ros.nodes.polled_subscriptions import PolledGroup, detach_clock, take_all, unused_callback
+from swift_ros.nodes.polled_subscriptions import detach_clock, polled_subscription, take_all
 from swift_ros.nodes.shell import Shell, run, without_numbers
 
 SAME_TEXT_S = 5.0  # s; shortest period in which the same text is sent again
@@ -37,13 +37,10 @@ class Settings:
 class MavlinkTelemetryNode(Shell):
     """Subscribes state/odometry, battery, race/status, betaflight/link and /diagnostics; sends MAVLink messages."""
 
-    executor_type = PolledGroup.EXECUTOR
-
     def __init__(self):
         super().__init__("mavlink_telemetry", Settings)
         detach_clock(self)
         self._station = mavlink.Station(self.settings.endpoint, self.settings.system_id)
-        self._group = PolledGroup()
         self._state, self._battery = self._poll("state/odometry", 1), self._poll("battery", 1)
         self._link = self._poll("betaflight/link", 1)
         self._race, self._diagnostic_arrays = self._poll("race/status", 100), self._poll("/diagnostics", 100)
@@ -62,8 +59,7 @@ class MavlinkTelemetryNode(Shell):
             reliability=ReliabilityPolicy.RELIABLE if topic.latched else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
         )
-        kind = message_type(topic.type)
-        return self.create_subscription(kind, name, unused_callback, profile, callback_group=self._group)
+        return polled_subscription(self, message_type(topic.type), name, profile)
 
     def _send(self) -> None:
         """Send the newest messages; called periodically."""

@@ -6,6 +6,7 @@ second it takes all received messages, in the order of reception.
 
 import threading
 import time
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from swift_ros.errors import UsageError
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.messages.serialization import message_type
-from swift_ros.nodes.polled_subscriptions import PolledGroup, detach_clock, take_all, unused_callback
+from swift_ros.nodes.polled_subscriptions import PolledSubscriptions, detach_clock, polled_subscription
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.recording.writer import ReceivedMessage, RecordingWriter, offered_qos
 
@@ -50,8 +51,6 @@ class Settings:
 class RecorderNode(Shell):
     """Subscribes all requested topics and writes them into a bag."""
 
-    executor_type = PolledGroup.EXECUTOR
-
     def __init__(self):
         super().__init__("recorder", Settings)
         # In real time the threads of DDS receive at once, into queues that last for seconds. The thread that writes
@@ -59,7 +58,7 @@ class RecorderNode(Shell):
         self.background_threads = frozenset({threading.get_native_id()})
         folder = Path(self.settings.folder or time.strftime("recordings/%Y-%m-%d_%H-%M-%S"))
         self._recording = RecordingWriter(folder, self.folder, self.lockstep, self.settings.resume)
-        self._polled, self._group, self._held = [], PolledGroup(), []
+        self._polled = PolledSubscriptions()
         names = self.settings.names
         if self.lockstep:
             detach_clock(self)
@@ -90,11 +89,9 @@ class RecorderNode(Shell):
             # the bag holds earlier messages; in lockstep a thousand of each topic would come again and delay the others
             durability = DurabilityPolicy.VOLATILE
         profile = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=durability)
-        subscription = self.create_subscription(
-            message_type(type_name), name, unused_callback, profile, raw=True, callback_group=self._group
-        )
+        subscription = polled_subscription(self, message_type(type_name), name, profile, raw=True)
         self._recording.declare(subscription.topic_name, type_name, offered_qos(offered))
-        self._polled.append(subscription)
+        self._polled.add(subscription.topic_name, subscription)
 
     def _search(self) -> None:
         """Subscribe to requested topics outside the table as soon as they have a publisher."""
@@ -110,17 +107,13 @@ class RecorderNode(Shell):
 
     def _take(self, until_ns: int | None = None) -> None:
         """Write all messages that were received until a time (system clock, ns; default: now)."""
-        until_ns = until_ns or time.time_ns()
-        batch = self._held
-        for subscription in self._polled:
-            taken, name = take_all(subscription, raw=True), subscription.topic_name
-            batch += [ReceivedMessage(name, bytes(data), info["received_timestamp"]) for data, info in taken]
-            if len(taken) >= DEPTH:
+        taken = self._polled.take(until_ns)
+        batch = [ReceivedMessage(each.key, bytes(each.message), each.received_ns) for each in taken]
+        for name, count in Counter(message.topic for message in batch).items():
+            if count >= DEPTH:
                 self.diagnose("warn", f"the recorder was delayed: messages of {name} may be lost")
         was_writing = self._recording.fault is None
-        # A message received during this loop waits for the next call: a queue emptied before it may hold an older one.
-        self._held = [message for message in batch if message.received_ns > until_ns]
-        self._recording.write([message for message in batch if message.received_ns <= until_ns])
+        self._recording.write(batch)
         if self.lockstep:
             now = Time(nanoseconds=self._recording.clock_ns, clock_type=ClockType.ROS_TIME)
             # a node's clock is a ROSClock, declared as Clock

@@ -10,7 +10,6 @@ import sys
 import time
 
 from rclpy.clock import Clock, ClockType
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from swift_ros.graph.qos import qos_profile
@@ -50,7 +49,6 @@ def publisher_of(topic: str) -> str:
 class _FaultyNode(Node):
     """A node with a fault that begins some time after the start signal."""
 
-    executor_type = EventsExecutor
     background_threads: frozenset[int] = frozenset()
 
     def __init__(self, name: str, fault: Fault):
