@@ -58,7 +58,7 @@ TOPICS = {
         ),
         Topic("battery", "sensor_msgs/msg/BatteryState", 10, "voltage and current"),
         Topic("race/status", "swift_msgs/msg/RaceStatus", None, "state, passages, splits, margins", latched=True),
-        Topic("race/judged", "std_msgs/msg/Header", 100, "time up to which the race is judged", 0.2),
+        Topic("race/judged", "std_msgs/msg/Header", 50, "time up to which the race is judged", 0.2),
         Topic("track/markers", "visualization_msgs/msg/MarkerArray", None, "gates for visualisation", latched=True),
         Topic(
             "/diagnostics",

@@ -16,7 +16,7 @@ from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.transport import ConnectionLost, connect
 from swift_ros.betaflight.watchdog import ClockReading
 from swift_ros.messages.control import from_command, to_battery, to_link, to_rotors
-from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.motion import odometry_from_bytes
 from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.track import Track
@@ -54,7 +54,7 @@ class BetaflightNode(Shell):
         self._link_topic, self._battery_topic = self.publisher("betaflight/link"), self.publisher("battery")
         self._rotors_topic = self.publisher("betaflight/rotors")
         self.subscribe(COMMAND, self._on_command)
-        self.subscribe(STATE, self._on_state)
+        self.subscribe(STATE, self._on_state, raw=True)
         self.subscribe(JUDGE, lambda message: self._link.take_judge_message(self._now()))
         self.subscribe("race/status", lambda m: self._link.take_race_state(m.state, from_time(m.header.stamp)))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -76,9 +76,8 @@ class BetaflightNode(Shell):
         self._link.take_command(command, self._now(command.stamp_ns))
         self._answer()
 
-    def _on_state(self, message):
-        state = from_odometry(message)
-        self._link.take_state(state, self._now())
+    def _on_state(self, data: bytes):
+        self._link.take_state(odometry_from_bytes(data), self._now())
         self._answer()
 
     def _answer(self) -> None:

@@ -6,7 +6,7 @@ from swift_ros import configuration
 from swift_ros.camera import model as lens
 from swift_ros.messages.camera import from_image
 from swift_ros.messages.gates import to_detections
-from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.motion import odometry_from_bytes
 from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.perception.corner_grouping import GroupingSettings
@@ -42,11 +42,11 @@ class GateDetectorNode(Shell):
         self.get_logger().info(f"{settings.model} runs on {network.provider}{missing}")
         self._attitude = AttitudeAtStamp(self.lockstep, settings.attitude_patience_s)
         self._detections = self.publisher("gates/detections")
-        self.subscribe("vio/odometry", self._on_odometry)
+        self.subscribe("vio/odometry", self._on_odometry, raw=True)
         self.subscribe("camera/image_raw", self._on_image)
 
-    def _on_odometry(self, message):
-        odometry = from_odometry(message)
+    def _on_odometry(self, data: bytes):
+        odometry = odometry_from_bytes(data)
         self._detector.odometry(odometry)
         try:
             self._attitude.add_odometry(odometry)

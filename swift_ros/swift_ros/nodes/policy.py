@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from swift_ros import configuration
 from swift_ros.configuration import setting
 from swift_ros.messages.control import to_command, to_policy_step
-from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.motion import odometry_from_bytes
 from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.policy.actor import Actor
@@ -36,14 +36,14 @@ class PolicyNode(Shell):
         self._step = self.publisher("policy/step")
         self._command = self.publisher("command/body_rate_thrust")
         self.subscribe("race/status", self._on_status)
-        self.subscribe("state/odometry", self._on_state)
+        self.subscribe("state/odometry", self._on_state, raw=True)
 
     def _on_status(self, message):
         self._pilot.announce(from_time(message.header.stamp), message.state)
 
-    def _on_state(self, message):
+    def _on_state(self, data: bytes):
         try:
-            step = self._pilot.update(from_odometry(message))
+            step = self._pilot.update(odometry_from_bytes(data))
         except ValueError as error:
             # Without an answer the last command becomes stale and the failsafe of the node betaflight takes over.
             self.diagnose("error", f"state/odometry: {error}")

@@ -14,7 +14,7 @@ from swift_ros import configuration
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_health import TopicMonitor
 from swift_ros.graph.topic_table import TOPICS
-from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.motion import odometry_from_bytes
 from swift_ros.messages.race import to_race_status, to_track_markers
 from swift_ros.messages.serialization import deserialize, message_type
 from swift_ros.messages.stamps import from_time, header_stamp_ns, to_time
@@ -92,8 +92,12 @@ class RaceMonitorNode(Shell):
                 callback(data)
             self.topic_monitor.record(topic.name, stamp_ns, received_ns, self._silence_clock_s())
 
+        def on_data_in_lockstep(data: bytes):
+            on_data(data, self.now_ns())
+            self._publish_progress()
+
         if self.lockstep:
-            self.subscribe(topic.name, lambda data: on_data(data, self.now_ns()), raw=True)
+            self.subscribe(topic.name, on_data_in_lockstep, raw=True)
         else:
             profile = qos_profile(topic, self.lockstep)
             profile.depth = POLLED_DEPTH
@@ -106,6 +110,7 @@ class RaceMonitorNode(Shell):
             check, on_data = self._on_polled[each.key]
             if check.accepts(each.message, each.info):
                 on_data(each.message, each.received_ns)
+        self._publish_progress()
 
     def _truth(self, data: bytes) -> None:
         self.judge.contact = True
@@ -116,7 +121,7 @@ class RaceMonitorNode(Shell):
             self._pose(data)
 
     def _pose(self, data: bytes) -> None:
-        self._publish(self.control.update_pose(from_odometry(deserialize(data, "nav_msgs/msg/Odometry"))))
+        self._publish(self.control.update_pose(odometry_from_bytes(data)))
 
     def _link(self, message) -> int:
         """Process betaflight/link; return the stamp (ns) of the command that it answers."""
@@ -146,6 +151,9 @@ class RaceMonitorNode(Shell):
                 self._link_error = ""
             self._status.publish(to_race_status(event))
             self.get_logger().info(f"{event.state}: {event.text}")
+
+    def _publish_progress(self) -> None:
+        """Publish up to when the race is judged, if that has moved on."""
         progress_ns = self.control.judged_ns
         if progress_ns is not None and progress_ns != self._progress_ns:
             self._progress_ns = progress_ns

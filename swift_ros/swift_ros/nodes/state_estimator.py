@@ -5,7 +5,7 @@ from swift_ros.camera.model import Camera
 from swift_ros.estimation.estimator import EstimatorOutput, StateEstimator
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.messages.gates import from_gate_poses, incomplete_from_gate_poses, to_state_updates
-from swift_ros.messages.motion import from_imu, from_odometry, to_odometry
+from swift_ros.messages.motion import imu_from_bytes, odometry_from_bytes, to_odometry
 from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.track import Track
@@ -27,17 +27,17 @@ class StateEstimatorNode(Shell):
         # In lockstep a state waits for the gates of each image; camera_info announces the image in a small message.
         self.subscribe("camera/camera_info", self._on_image)
         self.subscribe("gates/poses", self._on_gates)
-        self.subscribe("imu/data_raw", self._on_imu)
-        self.subscribe("vio/odometry", self._on_odometry)
+        self.subscribe("imu/data_raw", self._on_imu, raw=True)
+        self.subscribe("vio/odometry", self._on_odometry, raw=True)
 
     def _on_image(self, message):
         self._estimator.image(from_time(message.header.stamp))
 
-    def _on_imu(self, message):
-        self._estimator.imu(from_imu(message))
+    def _on_imu(self, data: bytes):
+        self._estimator.imu(imu_from_bytes(data))
 
-    def _on_odometry(self, message):
-        self._send(self._estimator.odometry(from_odometry(message)))
+    def _on_odometry(self, data: bytes):
+        self._send(self._estimator.odometry(odometry_from_bytes(data)))
 
     def _on_gates(self, message):
         stamp_ns = from_time(message.header.stamp)

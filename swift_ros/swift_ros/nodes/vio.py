@@ -1,7 +1,7 @@
 """Node vio: checks odometry, by the IMU too, and converts it from the source's own frames to odom -> base_link."""
 
 from swift_ros.estimation.odometry_check.vio_guard import VioGuard, VioSettings
-from swift_ros.messages.motion import from_imu, from_odometry, to_odometry
+from swift_ros.messages.motion import imu_from_bytes, odometry_from_bytes, to_odometry
 from swift_ros.nodes.shell import Shell, run
 
 
@@ -12,14 +12,14 @@ class VioNode(Shell):
         super().__init__("vio", VioSettings)
         self._guard = VioGuard(self.settings)
         self._odometry = self.publisher("vio/odometry")
-        self.subscribe("imu/data_raw", self._on_imu)
-        self.subscribe("vio/raw", self._on_raw)
+        self.subscribe("imu/data_raw", self._on_imu, raw=True)
+        self.subscribe("vio/raw", self._on_raw, raw=True)
 
-    def _on_imu(self, message):
-        self._guard.imu(from_imu(message))
+    def _on_imu(self, data: bytes):
+        self._guard.imu(imu_from_bytes(data))
 
-    def _on_raw(self, message):
-        checked = self._guard.check(from_odometry(message))
+    def _on_raw(self, data: bytes):
+        checked = self._guard.check(odometry_from_bytes(data))
         odometry = checked.odometry or checked.bridge
         if odometry is not None:
             self._odometry.publish(to_odometry(odometry, "odom"))
