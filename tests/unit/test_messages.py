@@ -9,6 +9,7 @@ from swift_ros.messages.motion import (
     from_imu,
     from_odometry,
     imu_from_bytes,
+    odometry_bytes,
     odometry_from_bytes,
     to_imu,
     to_odometry,
@@ -35,6 +36,7 @@ def test_odometry_of_any_frame_is_read_from_its_bytes(frame, child, known):
     p, q, v, omega = (rng.normal(size=n) for n in (3, 4, 3, 3))
     sent = Odometry(STAMP_NS, p, q, v, omega, rng.normal(size=(6, 6)) if known else None)
     message = to_odometry(sent, frame, child)
+    assert odometry_bytes(sent, frame, child) == serialize(message)
     for data in (serialize(message), big_endian(serialize(message), 85)):
         read = odometry_from_bytes(data)
         for field in dataclasses.fields(Odometry):

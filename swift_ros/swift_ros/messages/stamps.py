@@ -34,6 +34,11 @@ def header_stamp_ns(data: bytes) -> int:
     return seconds * NANOSECONDS + nanoseconds
 
 
+def set_header_stamp(data: bytearray, stamp_ns: int) -> None:
+    """Set the stamp (ns) of a message serialized by this machine that `begins_with_stamp`."""
+    struct.pack_into("=iI", data, 4, *divmod(int(stamp_ns), NANOSECONDS))
+
+
 def begins_with_stamp(type_name: str) -> bool:
     """Return whether messages of a type begin with a header or a time, which `header_stamp_ns` can read."""
     first = next(iter(message_type(type_name).get_fields_and_field_types().values()), "")

@@ -8,7 +8,7 @@ from swift_ros.camera.model import Camera
 from swift_ros.camera.sources import CameraSettings, open_source
 from swift_ros.errors import UsageError
 from swift_ros.messages.camera import to_camera_info, to_image
-from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.motion import odometry_bytes
 from swift_ros.nodes.shell import Shell, run
 
 
@@ -48,7 +48,7 @@ class CameraNode(Shell):
     def _on_odometry(self, age_s: float, odometry):
         assert self._raw is not None  # only the T265 has odometry
         stamped = replace(odometry, stamp_ns=self._stamp_ns(age_s))
-        self._raw.publish(to_odometry(stamped, "odom", "t265"))
+        self._raw.publish(odometry_bytes(stamped, "odom", "t265"))
 
     def close(self):
         """Stop reading and close the source."""

@@ -5,7 +5,7 @@ from swift_ros.camera.model import Camera
 from swift_ros.estimation.estimator import EstimatorOutput, StateEstimator
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.messages.gates import from_gate_poses, incomplete_from_gate_poses, to_state_updates
-from swift_ros.messages.motion import imu_from_bytes, odometry_from_bytes, to_odometry
+from swift_ros.messages.motion import imu_from_bytes, odometry_bytes, odometry_from_bytes
 from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.track import Track
@@ -46,7 +46,7 @@ class StateEstimatorNode(Shell):
 
     def _send(self, output: EstimatorOutput):
         for state in output.states:
-            self._state.publish(to_odometry(state, "map"))
+            self._state.publish(odometry_bytes(state, "map"))
         for stamp_ns, updates in output.updates:
             self._updates.publish(to_state_updates(stamp_ns, updates))
         for warning in output.warnings:

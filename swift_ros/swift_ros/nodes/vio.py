@@ -1,7 +1,7 @@
 """Node vio: checks odometry, by the IMU too, and converts it from the source's own frames to odom -> base_link."""
 
 from swift_ros.estimation.odometry_check.vio_guard import VioGuard, VioSettings
-from swift_ros.messages.motion import imu_from_bytes, odometry_from_bytes, to_odometry
+from swift_ros.messages.motion import imu_from_bytes, odometry_bytes, odometry_from_bytes
 from swift_ros.nodes.shell import Shell, run
 
 
@@ -22,7 +22,7 @@ class VioNode(Shell):
         checked = self._guard.check(odometry_from_bytes(data))
         odometry = checked.odometry or checked.bridge
         if odometry is not None:
-            self._odometry.publish(to_odometry(odometry, "odom"))
+            self._odometry.publish(odometry_bytes(odometry, "odom"))
         if checked.warning:
             self.diagnose("warn", checked.warning)
 

@@ -23,7 +23,7 @@ from swift_ros.configuration import refuse_outside, setting
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES
 from swift_ros.messages.camera import to_camera_info, to_image
-from swift_ros.messages.motion import to_imu, to_odometry
+from swift_ros.messages.motion import odometry_bytes, to_imu
 from swift_ros.messages.race import from_race_status
 from swift_ros.messages.stamps import from_time, to_time
 from swift_ros.nodes.shell import Shell, run
@@ -238,9 +238,9 @@ class BridgeNode(Shell):
         sensed = self._vehicle.sense(stamp_ns)
         if self._image_thread and has_image(self._vehicle.tick, self._camera.rate_hz):
             self._draw(View(stamp_ns, *sensed.filmed))
-        self._publisher_of["ground_truth/odometry"].publish(to_odometry(sensed.motion_capture, "map"))
+        self._publisher_of["ground_truth/odometry"].publish(odometry_bytes(sensed.motion_capture, "map"))
         self._publisher_of["imu/data_raw"].publish(to_imu(stamp_ns, sensed.gyro, sensed.specific_force_body))
-        self._publisher_of["vio/raw"].publish(to_odometry(sensed.vio, "odom"))
+        self._publisher_of["vio/raw"].publish(odometry_bytes(sensed.vio, "odom"))
 
     def _draw(self, view: View) -> None:
         if self._image_thread.busy and not self.lockstep:
