@@ -39,13 +39,21 @@ class SpecificForce:
         """
         first = max(bisect_right(self._stamps, before.stamp_ns) - 1, 0)
         end = min(bisect_left(self._stamps, until_ns), bisect_left(self._stamps, after.stamp_ns) + 1)
-        stamps = self._stamps[first:end]
-        if not stamps or 1e-9 * (after.stamp_ns - stamps[-1]) > STALE_S:
+        if end <= first or 1e-9 * (after.stamp_ns - self._stamps[end - 1]) > STALE_S:
             return None
-        inside = [stamp for stamp in stamps if before.stamp_ns < stamp < after.stamp_ns]
-        times = np.array([before.stamp_ns, *inside, after.stamp_ns])
-        forces = np.array(self._forces[first:end])
+        inside = [stamp for stamp in self._stamps[first:end] if before.stamp_ns < stamp < after.stamp_ns]
         poses = [before, *(interpolate(before, after, stamp) for stamp in inside), after]
-        at_times = np.stack([np.interp(times, stamps, axis) for axis in forces.T], axis=-1)
-        turned = geometry.rotate(np.array([pose.q_world_body for pose in poses]), at_times)
-        return np.trapezoid(turned, 1e-9 * (times - times[0]), axis=0)
+        turned = [geometry.rotate(pose.q_world_body, self._at(pose.stamp_ns, first, end)) for pose in poses]
+        total = np.zeros(3)
+        for k in range(1, len(poses)):  # trapezoids
+            total += 0.5e-9 * (poses[k].stamp_ns - poses[k - 1].stamp_ns) * (turned[k - 1] + turned[k])
+        return total
+
+    def _at(self, stamp_ns: int, first: int, end: int) -> np.ndarray:
+        """Return the force (3,) at a stamp by the samples [first, end): linear between them, constant beyond."""
+        after = bisect_left(self._stamps, stamp_ns, first, end)
+        if after in (first, end):
+            return self._forces[min(after, end - 1)]
+        earlier, later = self._stamps[after - 1 : after + 1]
+        share = (stamp_ns - earlier) / (later - earlier)
+        return self._forces[after - 1] + share * (self._forces[after] - self._forces[after - 1])
