@@ -27,6 +27,7 @@ from swift_ros.estimation.specific_force import SpecificForce
 from swift_ros.timeline import Timeline
 from swift_ros.types import Odometry
 
+POSE_BLOCK = np.ix_(POSE, POSE)
 INCONSISTENT = "no pose near the estimate is consistent with all gates of this image"
 
 
@@ -118,7 +119,7 @@ def _pose_estimate(state: CornerState) -> PoseEstimate:
     return PoseEstimate(
         p_map=state.p_map,
         q_map_body=state.q_map_body,
-        covariance=state.covariance[np.ix_(POSE, POSE)],
+        covariance=state.covariance[POSE_BLOCK],
         v_map=state.v_map,
     )
 
@@ -180,4 +181,4 @@ def _update(state: CornerState, matches: list[Match], camera: Camera, max_chi_sq
             return None
     reduction = np.eye(SIZE) - gain @ slopes
     covariance = reduction @ state.covariance @ reduction.T + (gain * variances) @ gain.T
-    return state.corrected(step, covariance, state.evidence.observed(observation, gain))
+    return state.corrected(step, covariance=covariance, evidence=state.evidence.observed(observation, gain))

@@ -43,6 +43,7 @@ MAX_DISAGREEMENT = 5.0
 # are off by 2 degrees like one of 8, a scale that is off by 5 % like one of 10.
 MAX_BIAS = 3.5
 GRAVITY_MAP = np.array([0.0, 0.0, GRAVITY])
+IDENTITY = np.eye(3)
 
 
 class CornerMotion:
@@ -92,10 +93,10 @@ class CornerMotion:
         transition[VELOCITY, TURN] = -geometry.skew(turned)
         transition[VELOCITY, BIAS] = -dt * r_map_body
         transition[POSITION, 6:] = 0.5 * dt * transition[VELOCITY, 6:]
-        transition[POSITION, VELOCITY] = dt * np.eye(3)
+        transition[POSITION, VELOCITY] = dt * IDENTITY
         noise[VELOCITY] = (self._settings.imu_accel_sigma * dt) ** 2
         p_map = state.p_map + 0.5 * dt * (state.v_map + v_map)
-        return _moved(replace(state, odometry=odometry, p_map=p_map, v_map=v_map), transition, noise)
+        return _moved(state, transition, noise, odometry=odometry, p_map=p_map, v_map=v_map)
 
     def _by_odometry(self, state: CornerState, odometry: Odometry, dt: float) -> CornerState:
         """Return the state after a step with the odometry alone."""
@@ -104,19 +105,21 @@ class CornerMotion:
         path, rate = float(np.linalg.norm(flown)), float(np.linalg.norm(odometry.omega_body))
         transition, noise = self._odometry_errors(odometry, dt)
         error_time = s.vio_rate_memory_s * -float(np.expm1(-dt / s.vio_rate_memory_s))
-        transition[POSITION, ERROR] = error_time * np.eye(3)
+        transition[POSITION, ERROR] = error_time * IDENTITY
         transition[POSITION, SCALE] = flown
         transition[POSITION, YAW] = -flown[1], flown[0], 0.0
         noise[POSITION] = s.vio_walk**2 * path * (1.0 + rate / s.vio_rotation_ref) + s.vio_still_walk**2 * dt
         p_map = state.p_map + (1.0 + state.scale) * flown + error_time * state.error
-        moved = _moved(replace(state, odometry=odometry, p_map=p_map), transition, noise)
+        moved = _moved(state, transition, noise, odometry=odometry, p_map=p_map)
         measured = _measured_velocity(moved)
-        copy, noise = np.eye(SIZE) - _velocity_slopes_of(measured), np.zeros(SIZE)
-        noise[VELOCITY] = s.vio_velocity_sigma**2
+        copy = np.eye(SIZE)
+        copy[VELOCITY] -= _velocity_slopes(measured)
+        covariance = copy @ moved.covariance @ copy.T
+        covariance[VELOCITY, VELOCITY] += s.vio_velocity_sigma**2 * IDENTITY
         return replace(
             moved,
             v_map=(1.0 + moved.scale) * measured + moved.error,
-            covariance=copy @ moved.covariance @ copy.T + np.diag(noise),
+            covariance=covariance,
             evidence=moved.evidence.predicted(copy),
         )
 
@@ -137,17 +140,20 @@ class CornerMotion:
     def _with_measured_velocity(self, state: CornerState, dt: float) -> CornerState:
         """Return the state after an update with the velocity of its odometry (Joseph form)."""
         measured = _measured_velocity(state)
-        slopes = _velocity_slopes_of(measured)[VELOCITY]
+        slopes = _velocity_slopes(measured)
         innovation = (1.0 + state.scale) * measured + state.error - state.v_map
         variance = self._settings.vio_velocity_sigma**2
         across = slopes @ state.covariance
-        both = np.linalg.solve(across @ slopes.T + variance * np.eye(3), np.column_stack([across, innovation]))
-        gain, squared = both[:, :SIZE].T, float(innovation @ both[:, SIZE]) / 3.0
+        precision = np.linalg.inv(across @ slopes.T + variance * IDENTITY)
+        gain, squared = across.T @ precision, float(innovation @ precision @ innovation) / 3.0
         reduction = np.eye(SIZE) - gain @ slopes
-        covariance = reduction @ state.covariance @ reduction.T + variance * gain @ gain.T
-        corrected = state.corrected(gain @ innovation, covariance, state.evidence.predicted(reduction))
         share = -float(np.expm1(-dt / AGREEMENT_S))
-        return replace(corrected, disagreement=state.disagreement + share * (squared - state.disagreement))
+        return state.corrected(
+            gain @ innovation,
+            covariance=reduction @ state.covariance @ reduction.T + variance * gain @ gain.T,
+            evidence=state.evidence.predicted(reduction),
+            disagreement=state.disagreement + share * (squared - state.disagreement),
+        )
 
 
 def _measured_velocity(state: CornerState) -> np.ndarray:
@@ -160,22 +166,22 @@ def _in_map(state: CornerState, vector) -> np.ndarray:
     return geometry.rotate(geometry.quaternion_from_yaw(state.turn[2]), vector)
 
 
-def _velocity_slopes_of(measured) -> np.ndarray:
-    """Return the change (16, 16) of the velocity less that of the odometry with the error state, in rows VELOCITY."""
-    slopes = np.zeros((SIZE, SIZE))
-    slopes[VELOCITY, VELOCITY] = np.eye(3)
-    slopes[VELOCITY, ERROR] = -np.eye(3)
-    slopes[VELOCITY, SCALE] = -measured
-    slopes[VELOCITY, YAW] = measured[1], -measured[0], 0.0
+def _velocity_slopes(measured) -> np.ndarray:
+    """Return the change (3, 16) of the velocity less that of the odometry with the error state."""
+    slopes = np.zeros((3, SIZE))
+    slopes[:, VELOCITY], slopes[:, ERROR], slopes[:, SCALE] = IDENTITY, -IDENTITY, -measured
+    slopes[:, YAW] = measured[1], -measured[0], 0.0
     return slopes
 
 
-def _moved(state: CornerState, transition, noise) -> CornerState:
-    """Return the state with all that a step changes beside position and velocity."""
+def _moved(state: CornerState, transition, noise, **changes) -> CornerState:
+    """Return the state after a step with all that its transition changes, and with the other `changes`."""
+    keep = transition.diagonal()
     return replace(
         state,
-        turn=np.diag(transition)[TURN] * state.turn,
-        error=np.diag(transition)[ERROR] * state.error,
+        turn=keep[TURN] * state.turn,
+        error=keep[ERROR] * state.error,
         covariance=transition @ state.covariance @ transition.T + np.diag(noise),
         evidence=state.evidence.predicted(transition),
+        **changes,
     )

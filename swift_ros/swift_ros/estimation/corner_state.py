@@ -77,8 +77,8 @@ class CornerState:
         q_turn = geometry.quaternion_from_rotation_vector(self.turn)
         return geometry.normalize(geometry.quaternion_multiply(q_turn, self.odometry.q_world_body))
 
-    def corrected(self, step, covariance, evidence: CalibrationEvidence) -> "CornerState":
-        """Return the state after a correction by an error state (16,), with its new covariance and evidence."""
+    def corrected(self, step, **changes) -> "CornerState":
+        """Return the state after a correction by an error state (16,), with the other `changes` that it brings."""
         before, turn = (geometry.quaternion_from_rotation_vector(each) for each in (self.turn, step[TURN]))
         return replace(
             self,
@@ -88,6 +88,5 @@ class CornerState:
             error=self.error + step[ERROR],
             scale=self.scale + float(step[SCALE]),
             bias=self.bias + step[BIAS],
-            covariance=covariance,
-            evidence=evidence,
+            **changes,
         )
