@@ -93,7 +93,7 @@ class Camera(Intrinsics):
         margin = 1.0 + lenses.TANGENTIAL_SHARE * any(self.distortion[2:4]) if self.lens.tangential else 1.0
         return lenses.edge_angle(self.lens, self.distortion, float(margin * farthest))
 
-    @property
+    @cached_property
     def q_body_camera(self) -> np.ndarray:
         """Attitude of the optical frame in base_link (4,): yaw, then pitch, then roll about the optical axis."""
         pitch = np.radians(self.pitch_deg)
