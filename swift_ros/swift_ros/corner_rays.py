@@ -6,6 +6,7 @@ from swift_ros import geometry
 
 # Order of the corners of a gate seen from behind, where left and right are exchanged.
 ORDER_FROM_BEHIND = np.array([1, 0, 3, 2])
+X_CROSS, Z_CROSS = geometry.skew(np.eye(3)[[0, 2]])  # matrices of the cross products of the axes with a vector
 MIN_COSINE = 0.5  # of the angle between an observed and an expected ray (60 degrees); beyond, they are not compared
 MIN_DISTANCE = 0.05  # m; smallest distance of a corner from the camera in the derivatives, which are inverse to it
 
@@ -45,8 +46,7 @@ def ray_residuals(rays_body, corners, position, rotation, p_body_camera) -> tupl
 
 def plane_normal_to(rays) -> np.ndarray:
     """Return two unit vectors (..., 2, 3) that are orthogonal to each unit ray (..., 3) and to one another."""
-    helper = np.where(np.abs(rays[..., 2:]) < 0.9, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
-    first = geometry.normalize(geometry.cross(helper, rays))
+    first = geometry.normalize(np.where(np.abs(rays[..., 2:]) < 0.9, rays @ Z_CROSS.T, rays @ X_CROSS.T))
     return np.stack([first, geometry.cross(rays, first)], axis=-2)
 
 
@@ -58,9 +58,8 @@ def corner_sigma_rad(rays_body, sigma_deg, sigma_share: float) -> np.ndarray:
         sigma_deg: constant part, of all gates or of each (...), degrees.
         sigma_share: part proportional to the angle of the gate's diagonal.
     """
-    diagonals = [np.linalg.norm(rays_body[..., i, :] - rays_body[..., i + 2, :], axis=-1) for i in (0, 1)]
-    sides = np.linalg.norm(rays_body - np.roll(rays_body, 1, axis=-2), axis=-1)
-    diagonal = 0.5 * (diagonals[0] + diagonals[1])
+    sides = np.linalg.norm(rays_body - rays_body[..., [3, 0, 1, 2], :], axis=-1)
+    diagonal = np.linalg.norm(rays_body[..., :2, :] - rays_body[..., 2:, :], axis=-1).mean(axis=-1)
     # of an incomplete gate, as if it were seen from the front
     diagonal = np.where(np.isnan(diagonal), np.sqrt(2.0) * np.fmax.reduce(sides, axis=-1), diagonal)
     return np.hypot(np.radians(sigma_deg), sigma_share * diagonal)

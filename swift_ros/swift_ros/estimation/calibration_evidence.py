@@ -58,6 +58,7 @@ PARAMETERS = {
     "opening": Parameter(0.05, 0.02, "openings of the gates {:.1f} % {} (inner_side)", ("larger", "smaller"), PERCENT),
 }
 SIZE = len(PARAMETERS)
+COLUMNS = {name: i for i, name in enumerate(PARAMETERS)}
 PRIOR_INFORMATION = np.array([parameter.sigma**-2 for parameter in PARAMETERS.values()])
 MIN_DEVIATIONS = 5.0  # standard deviations from zero at which an error is reported: nine errors are looked at often
 MIN_RESIDUALS = 80  # ten images of a gate; fewer may be of something else
@@ -72,7 +73,8 @@ def lens_slopes(camera: Camera, rays_body) -> np.ndarray:
         rays_body: observed unit rays (..., 4, 3).
     """
     r_body_camera = geometry.rotation_matrix(camera.q_body_camera)
-    x, y, z = np.moveaxis(rays_body @ r_body_camera, -1, 0)
+    rays_camera = rays_body @ r_body_camera
+    x, y, z = rays_camera[..., 0], rays_camera[..., 1], rays_camera[..., 2]
     sine = np.maximum(np.hypot(x, y), 1e-9)
     theta = np.minimum(np.arctan2(sine, z), camera.half_angle)
     outwards = np.stack([z * x / sine, z * y / sine, -sine], axis=-1) @ r_body_camera.T
@@ -84,12 +86,13 @@ def lens_slopes(camera: Camera, rays_body) -> np.ndarray:
         "focal": stretch[..., None] * outwards,
         "aspect": 0.5 * ((stretch * cosine2)[..., None] * outwards - sine2[..., None] * around),
         "radial": (theta**3)[..., None] * outwards,
-        "pitch": geometry.cross(rays_body, np.array([np.sin(yaw), -np.cos(yaw), 0.0])),
-        "yaw": geometry.cross(rays_body, np.array([0.0, 0.0, 1.0])),
-        "roll": geometry.cross(rays_body, r_body_camera[:, 2]),
+        "pitch": rays_body @ geometry.skew(np.array([np.sin(yaw), -np.cos(yaw), 0.0])),  # rays x axis
+        "yaw": rays_body @ geometry.skew(np.array([0.0, 0.0, 1.0])),
+        "roll": rays_body @ geometry.skew(r_body_camera[:, 2]),
     }
-    nothing = np.zeros_like(rays_body)
-    shift_body = np.stack([shifts.get(name, nothing) for name in PARAMETERS], axis=-1)  # (..., 4, 3, 9)
+    shift_body = np.zeros((*rays_body.shape, SIZE))
+    for name, shift in shifts.items():
+        shift_body[..., COLUMNS[name]] = shift
     slopes = plane_normal_to(rays_body) @ shift_body
     return slopes.reshape(*slopes.shape[:-3], 8, SIZE)
 
@@ -105,14 +108,13 @@ def calibration_slopes(camera: Camera, rays_body, corners_map, pose_slopes, twis
         twist_map: velocity m/s and angular velocity rad/s of the body (6,) along map axes.
     """
     slopes = lens_slopes(camera, rays_body)
-    names = list(PARAMETERS)
     delay = pose_slopes @ twist_map  # (..., 4, 2)
     row = project(camera, rays_body @ geometry.rotation_matrix(camera.q_body_camera))[0][..., 1]
     readout = delay * ((row + 0.5) / camera.height - 0.5)[..., None]
     arms = corners_map - corners_map.mean(axis=-2, keepdims=True)
     opening = -(pose_slopes[..., :3] @ arms[..., None])[..., 0]
     for name, column in (("delay", delay), ("readout", readout), ("opening", opening)):
-        slopes[..., names.index(name)] = column.reshape(*column.shape[:-2], 8)
+        slopes[..., COLUMNS[name]] = column.reshape(*column.shape[:-2], 8)
     return slopes
 
 

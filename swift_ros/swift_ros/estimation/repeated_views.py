@@ -33,7 +33,8 @@ class RepeatedViews:
     def weighed(self, match: Match, pose_estimate: PoseEstimate) -> Match:
         """Count one more image of the associated gate, and return the match with the deviation of what it adds."""
         # The expected rays are compared: the noise of the observed ones is no change of the view.
-        arms = geometry.rotate_inverse(pose_estimate.q_map_body, match.corners_map - pose_estimate.p_map)
+        r_map_body = geometry.rotation_matrix(pose_estimate.q_map_body)
+        arms = (match.corners_map - pose_estimate.p_map) @ r_map_body
         rays = geometry.normalize(arms - self._p_body_camera)
         count, before = self._views.get(match.gate, (0.0, rays))
         motion = float(np.sqrt(np.mean(np.sum((rays - before) ** 2, axis=-1))))
