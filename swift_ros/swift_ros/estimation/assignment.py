@@ -137,7 +137,7 @@ class Assignment:
         rays_body, sigma_rad = rays_body[:, None], np.asarray(sigma_rad)[:, None]
         noise = sigma_rad[..., None, None] ** 2 * np.eye(8)
         uncertain = np.trace(pose_estimate.covariance[:3, :3]) > MAX_LINEAR_M**2
-        step = np.zeros((len(rays_body), 2 * self._gates, 6))
+        step = np.zeros(6)
         for _ in range(MAX_ITERATIONS if uncertain else 1):
             residuals, slopes, ahead = self._residuals(rays_body, pose_estimate, step)
             innovations = residuals + (slopes @ step[..., None])[..., 0]
@@ -151,10 +151,16 @@ class Assignment:
         return innovations, slopes, np.where(ahead, distance2, np.inf)
 
     def _residuals(self, rays_body, pose_estimate: PoseEstimate, step):
-        """Return residuals (k, 2n, 8), derivatives (k, 2n, 8, 6) and the mask (k, 2n) at poses displaced by step."""
+        """Return residuals (k, 2n, 8), derivatives (k, 2n, 8, 6) and mask (k, 2n) at the poses displaced by steps.
+
+        Args:
+            rays_body: observed rays (k, 1, 4, 3).
+            pose_estimate: before the steps.
+            step: of all hypotheses (6,), or of each one (k, 2n, 6).
+        """
         position, rotation = displaced(pose_estimate, step)
         residuals, slopes, ahead = ray_residuals(rays_body, self._corners, position, rotation, self._p_body_camera)
-        return residuals.reshape(*step.shape[:2], 8), slopes.reshape(*step.shape[:2], 8, 6), ahead
+        return residuals.reshape(*ahead.shape, 8), slopes.reshape(*ahead.shape, 8, 6), ahead
 
     def _choose(self, candidates, residuals, slopes, sigma_rad, pose_estimate, limits):
         """Return the index of the hypothesis of each observation, None for none."""
@@ -196,16 +202,15 @@ class Assignment:
         return float(residual @ np.linalg.solve(spread, residual)), float(np.linalg.slogdet(spread)[1])
 
 
-def observed_gate_attitude(corners_map) -> np.ndarray:
-    """Return the attitude (4,) of a gate in the map; x points away from the observer.
+def observed_gate_rotation(corners_map) -> np.ndarray:
+    """Return the rotation (3, 3) of a gate, gate to map; its x axis points away from the observer.
 
     Args:
         corners_map: its corners (4, 3) in the order of the observation.
     """
-    left = corners_map[0] - corners_map[1]
-    up = corners_map[0] - corners_map[3]
-    left, up = left / np.linalg.norm(left), up / np.linalg.norm(up)
-    return geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=1))
+    left = geometry.normalize(corners_map[0] - corners_map[1])
+    up = geometry.normalize(corners_map[0] - corners_map[3])
+    return np.array([geometry.cross(left, up), left, up]).T
 
 
 def to_scale(observation: RelativeGatePose, ratio: float, p_body_camera) -> RelativeGatePose:
@@ -234,9 +239,13 @@ def resolve_ambiguity(observation: RelativeGatePose, match: Match, q_map_body) -
         match: its association with a gate.
         q_map_body: attitude (4,) of the vehicle.
     """
-    q_body_map = geometry.quaternion_conjugate(q_map_body)
-    expected = geometry.quaternion_multiply(q_body_map, observed_gate_attitude(match.corners_map))
-    if abs(observation.q_body_gate @ expected) >= abs(observation.alternative_q_body_gate @ expected):
+    expected = geometry.rotation_matrix(q_map_body).T @ observed_gate_rotation(match.corners_map)
+    # The trace of the rotation between two attitudes is the larger, the smaller its angle.
+    traces = [
+        np.sum(geometry.rotation_matrix(q) * expected)
+        for q in (observation.q_body_gate, observation.alternative_q_body_gate)
+    ]
+    if traces[0] >= traces[1]:
         return observation
     return replace(
         observation,

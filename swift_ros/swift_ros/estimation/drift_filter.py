@@ -10,7 +10,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from swift_ros import geometry
-from swift_ros.estimation.assignment import Match, PoseEstimate, observed_gate_attitude
+from swift_ros.estimation.assignment import Match, PoseEstimate, observed_gate_rotation
 from swift_ros.estimation.calibration_evidence import CalibrationEvidence
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.types import Odometry, RelativeGatePose
@@ -153,6 +153,6 @@ def _position(match: Match, observation: RelativeGatePose, pose_estimate: PoseEs
 def _yaw_error(match: Match, observation: RelativeGatePose, q_map_body) -> float:
     """Return the heading error (rad): that implied by the gate's orientation minus that of `q_map_body`."""
     observed = geometry.quaternion_multiply(q_map_body, observation.q_body_gate)
-    expected = observed_gate_attitude(match.corners_map)
+    expected = geometry.quaternion_from_matrix(observed_gate_rotation(match.corners_map))
     turn = geometry.quaternion_multiply(expected, geometry.quaternion_conjugate(observed))
     return float(geometry.rotation_vector_from_quaternion(turn)[2])
