@@ -27,7 +27,6 @@ from swift_ros.estimation.specific_force import SpecificForce
 from swift_ros.timeline import Timeline
 from swift_ros.types import Odometry
 
-POSE_BLOCK = np.ix_(POSE, POSE)
 INCONSISTENT = "no pose near the estimate is consistent with all gates of this image"
 
 
@@ -119,7 +118,7 @@ def _pose_estimate(state: CornerState) -> PoseEstimate:
     return PoseEstimate(
         p_map=state.p_map,
         q_map_body=state.q_map_body,
-        covariance=state.covariance[POSE_BLOCK],
+        covariance=state.covariance[POSE, POSE],
         v_map=state.v_map,
     )
 

@@ -12,6 +12,7 @@ Samples of the accelerometer count from the stamp of the newest odometry on as n
 is played again would have another result.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -43,7 +44,8 @@ MAX_DISAGREEMENT = 5.0
 # are off by 2 degrees like one of 8, a scale that is off by 5 % like one of 10.
 MAX_BIAS = 3.5
 GRAVITY_MAP = np.array([0.0, 0.0, GRAVITY])
-IDENTITY = np.eye(3)
+IDENTITY, IDENTITY_3 = np.eye(SIZE), np.eye(3)
+STILL_SLOPES = IDENTITY[VELOCITY] - IDENTITY[ERROR]  # see `_velocity_slopes`
 
 
 class CornerMotion:
@@ -60,7 +62,7 @@ class CornerMotion:
 
     def agrees(self, state: CornerState) -> bool:
         """Return whether accelerometer and odometry agree, as far as is known."""
-        bias = float(np.abs(state.bias).max())
+        bias = max(map(abs, state.bias.tolist()))
         return state.disagreement < MAX_DISAGREEMENT and bias <= MAX_BIAS * self._settings.imu_accel_bias
 
     def advanced(self, state: CornerState, odometry: Odometry, until_ns: int) -> CornerState:
@@ -92,8 +94,9 @@ class CornerMotion:
         transition, noise = self._odometry_errors(odometry, dt)
         transition[VELOCITY, TURN] = -geometry.skew(turned)
         transition[VELOCITY, BIAS] = -dt * r_map_body
-        transition[POSITION, 6:] = 0.5 * dt * transition[VELOCITY, 6:]
-        transition[POSITION, VELOCITY] = dt * IDENTITY
+        for block in (TURN, BIAS):
+            transition[POSITION, block] = 0.5 * dt * transition[VELOCITY, block]
+        transition[POSITION, VELOCITY] = dt * IDENTITY_3
         noise[VELOCITY] = (self._settings.imu_accel_sigma * dt) ** 2
         p_map = state.p_map + 0.5 * dt * (state.v_map + v_map)
         return _moved(state, transition, noise, odometry=odometry, p_map=p_map, v_map=v_map)
@@ -102,20 +105,20 @@ class CornerMotion:
         """Return the state after a step with the odometry alone."""
         s = self._settings
         flown = _in_map(state, odometry.p_world - state.odometry.p_world)
-        path, rate = float(np.linalg.norm(flown)), float(np.linalg.norm(odometry.omega_body))
+        path, rate = math.hypot(*flown), math.hypot(*odometry.omega_body)
         transition, noise = self._odometry_errors(odometry, dt)
-        error_time = s.vio_rate_memory_s * -float(np.expm1(-dt / s.vio_rate_memory_s))
-        transition[POSITION, ERROR] = error_time * IDENTITY
+        error_time = s.vio_rate_memory_s * -math.expm1(-dt / s.vio_rate_memory_s)
+        transition[POSITION, ERROR] = error_time * IDENTITY_3
         transition[POSITION, SCALE] = flown
         transition[POSITION, YAW] = -flown[1], flown[0], 0.0
         noise[POSITION] = s.vio_walk**2 * path * (1.0 + rate / s.vio_rotation_ref) + s.vio_still_walk**2 * dt
         p_map = state.p_map + (1.0 + state.scale) * flown + error_time * state.error
         moved = _moved(state, transition, noise, odometry=odometry, p_map=p_map)
         measured = _measured_velocity(moved)
-        copy = np.eye(SIZE)
+        copy = IDENTITY.copy()
         copy[VELOCITY] -= _velocity_slopes(measured)
         covariance = copy @ moved.covariance @ copy.T
-        covariance[VELOCITY, VELOCITY] += s.vio_velocity_sigma**2 * IDENTITY
+        covariance[VELOCITY, VELOCITY] += s.vio_velocity_sigma**2 * IDENTITY_3
         return replace(
             moved,
             v_map=(1.0 + moved.scale) * measured + moved.error,
@@ -126,15 +129,15 @@ class CornerMotion:
     def _odometry_errors(self, odometry: Odometry, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Return transition (16, 16) and noise (16,) of a step, as far as attitude and velocity of the odometry go."""
         s = self._settings
-        keep_error, keep_tilt = np.exp(-dt / s.vio_rate_memory_s), np.exp(-dt / s.vio_tilt_memory_s)
-        transition, noise = np.eye(SIZE), np.zeros(SIZE)
+        keep_error, keep_tilt = math.exp(-dt / s.vio_rate_memory_s), math.exp(-dt / s.vio_tilt_memory_s)
+        transition, noise = IDENTITY.copy(), np.zeros(SIZE)
         transition[ERROR, ERROR] *= keep_error
         transition[TILT, TILT] *= keep_tilt
-        growth = 1.0 + float(np.linalg.norm(odometry.omega_body)) / s.vio_rotation_ref
-        share = s.vio_rate_share * float(np.linalg.norm(odometry.v_body))
+        growth = 1.0 + math.hypot(*odometry.omega_body) / s.vio_rotation_ref
+        share = s.vio_rate_share * math.hypot(*odometry.v_body)
         noise[ERROR] = share**2 * growth * (1.0 - keep_error**2)
-        noise[TILT] = np.radians(s.vio_tilt_deg) ** 2 * (1.0 - keep_tilt**2)
-        noise[YAW] = np.radians(s.vio_yaw_walk_deg) ** 2 * dt
+        noise[TILT] = math.radians(s.vio_tilt_deg) ** 2 * (1.0 - keep_tilt**2)
+        noise[YAW] = math.radians(s.vio_yaw_walk_deg) ** 2 * dt
         return transition, noise
 
     def _with_measured_velocity(self, state: CornerState, dt: float) -> CornerState:
@@ -144,10 +147,10 @@ class CornerMotion:
         innovation = (1.0 + state.scale) * measured + state.error - state.v_map
         variance = self._settings.vio_velocity_sigma**2
         across = slopes @ state.covariance
-        precision = np.linalg.inv(across @ slopes.T + variance * IDENTITY)
+        precision = np.linalg.inv(across @ slopes.T + variance * IDENTITY_3)
         gain, squared = across.T @ precision, float(innovation @ precision @ innovation) / 3.0
-        reduction = np.eye(SIZE) - gain @ slopes
-        share = -float(np.expm1(-dt / AGREEMENT_S))
+        reduction = IDENTITY - gain @ slopes
+        share = -math.expm1(-dt / AGREEMENT_S)
         return state.corrected(
             gain @ innovation,
             covariance=reduction @ state.covariance @ reduction.T + variance * gain @ gain.T,
@@ -168,9 +171,9 @@ def _in_map(state: CornerState, vector) -> np.ndarray:
 
 def _velocity_slopes(measured) -> np.ndarray:
     """Return the change (3, 16) of the velocity less that of the odometry with the error state."""
-    slopes = np.zeros((3, SIZE))
-    slopes[:, VELOCITY], slopes[:, ERROR], slopes[:, SCALE] = IDENTITY, -IDENTITY, -measured
-    slopes[:, YAW] = measured[1], -measured[0], 0.0
+    slopes = STILL_SLOPES.copy()
+    slopes[:, SCALE] = -measured
+    slopes[:2, YAW] = measured[1], -measured[0]
     return slopes
 
 

@@ -1,6 +1,6 @@
 """State of the filter on corners at one time.
 
-Error state, in map axes: position (3) m, velocity (3) m/s, attitude error of the odometry (3) rad, error of the
+Error state, in map axes: position (3) m, attitude error of the odometry (3) rad, velocity (3) m/s, error of the
 odometry's velocity (3) m/s, its scale error, bias of the accelerometer (3) m/s^2 in body axes.
 """
 
@@ -13,10 +13,10 @@ from swift_ros.estimation.calibration_evidence import CalibrationEvidence
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.types import Odometry
 
-POSITION, VELOCITY, TURN, ERROR, BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), slice(13, 16)
-TILT, YAW, SCALE = slice(6, 8), 8, 12
+POSITION, TURN, VELOCITY, ERROR, BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), slice(13, 16)
+TILT, YAW, SCALE = slice(3, 5), 5, 12
 SIZE = 16
-POSE = np.r_[POSITION, TURN]
+POSE = slice(0, 6)
 
 
 @dataclass(frozen=True)
