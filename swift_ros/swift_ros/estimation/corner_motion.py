@@ -62,7 +62,7 @@ class CornerMotion:
 
     def agrees(self, state: CornerState) -> bool:
         """Return whether accelerometer and odometry agree, as far as is known."""
-        bias = max(map(abs, state.bias.tolist()))
+        bias = max(map(abs, state.mean[BIAS].tolist()))
         return state.disagreement < MAX_DISAGREEMENT and bias <= MAX_BIAS * self._settings.imu_accel_bias
 
     def advanced(self, state: CornerState, odometry: Odometry, until_ns: int) -> CornerState:
@@ -83,14 +83,16 @@ class CornerMotion:
         if self.agrees(by_force):
             return by_force
         by_odometry = self._by_odometry(state, odometry, dt)
-        return replace(by_odometry, bias=by_force.bias, disagreement=by_force.disagreement)
+        mean = by_odometry.mean.copy()
+        mean[BIAS] = by_force.mean[BIAS]
+        return replace(by_odometry, mean=mean, disagreement=by_force.disagreement)
 
     def _by_force(self, state: CornerState, odometry: Odometry, dt: float, push) -> CornerState:
         """Return the state after a step with an integral (3,) m/s of the specific force in the odometry's axes."""
-        r_turn = geometry.rotation_matrix(geometry.quaternion_from_rotation_vector(state.turn))
+        r_turn = geometry.rotation_matrix(geometry.quaternion_from_rotation_vector(state.mean[TURN]))
         r_map_body = r_turn @ geometry.rotation_matrix(odometry.q_world_body)
         turned = r_turn @ push
-        v_map = state.v_map + turned - dt * (r_map_body @ state.bias + GRAVITY_MAP)
+        v_map = state.v_map + turned - dt * (r_map_body @ state.mean[BIAS] + GRAVITY_MAP)
         transition, noise = self._odometry_errors(odometry, dt)
         transition[VELOCITY, TURN] = -geometry.skew(turned)
         transition[VELOCITY, BIAS] = -dt * r_map_body
@@ -98,8 +100,10 @@ class CornerMotion:
             transition[POSITION, block] = 0.5 * dt * transition[VELOCITY, block]
         transition[POSITION, VELOCITY] = dt * IDENTITY_3
         noise[VELOCITY] = (self._settings.imu_accel_sigma * dt) ** 2
-        p_map = state.p_map + 0.5 * dt * (state.v_map + v_map)
-        return _moved(state, transition, noise, odometry=odometry, p_map=p_map, v_map=v_map)
+        mean = transition.diagonal() * state.mean
+        mean[POSITION] += 0.5 * dt * (state.v_map + v_map)
+        mean[VELOCITY] = v_map
+        return _moved(state, odometry, mean, transition, noise)
 
     def _by_odometry(self, state: CornerState, odometry: Odometry, dt: float) -> CornerState:
         """Return the state after a step with the odometry alone."""
@@ -112,19 +116,16 @@ class CornerMotion:
         transition[POSITION, SCALE] = flown
         transition[POSITION, YAW] = -flown[1], flown[0], 0.0
         noise[POSITION] = s.vio_walk**2 * path * (1.0 + rate / s.vio_rotation_ref) + s.vio_still_walk**2 * dt
-        p_map = state.p_map + (1.0 + state.scale) * flown + error_time * state.error
-        moved = _moved(state, transition, noise, odometry=odometry, p_map=p_map)
-        measured = _measured_velocity(moved)
+        measured = _measured_velocity(state, odometry)
+        mean = transition.diagonal() * state.mean
+        mean[POSITION] += (1.0 + mean[SCALE]) * flown + error_time * state.mean[ERROR]
+        mean[VELOCITY] = (1.0 + mean[SCALE]) * measured + mean[ERROR]
+        moved = _moved(state, odometry, mean, transition, noise)
         copy = IDENTITY.copy()
         copy[VELOCITY] -= _velocity_slopes(measured)
         covariance = copy @ moved.covariance @ copy.T
         covariance[VELOCITY, VELOCITY] += s.vio_velocity_sigma**2 * IDENTITY_3
-        return replace(
-            moved,
-            v_map=(1.0 + moved.scale) * measured + moved.error,
-            covariance=covariance,
-            evidence=moved.evidence.predicted(copy),
-        )
+        return replace(moved, covariance=covariance, evidence=moved.evidence.predicted(copy))
 
     def _odometry_errors(self, odometry: Odometry, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Return transition (16, 16) and noise (16,) of a step, as far as attitude and velocity of the odometry go."""
@@ -142,9 +143,9 @@ class CornerMotion:
 
     def _with_measured_velocity(self, state: CornerState, dt: float) -> CornerState:
         """Return the state after an update with the velocity of its odometry (Joseph form)."""
-        measured = _measured_velocity(state)
+        measured = _measured_velocity(state, state.odometry)
         slopes = _velocity_slopes(measured)
-        innovation = (1.0 + state.scale) * measured + state.error - state.v_map
+        innovation = (1.0 + state.mean[SCALE]) * measured + state.mean[ERROR] - state.v_map
         variance = self._settings.vio_velocity_sigma**2
         across = slopes @ state.covariance
         precision = np.linalg.inv(across @ slopes.T + variance * IDENTITY_3)
@@ -159,14 +160,14 @@ class CornerMotion:
         )
 
 
-def _measured_velocity(state: CornerState) -> np.ndarray:
-    """Return the velocity (3,) m/s of the odometry as it is, in map axes."""
-    return _in_map(state, geometry.rotate(state.odometry.q_world_body, state.odometry.v_body))
+def _measured_velocity(state: CornerState, odometry: Odometry) -> np.ndarray:
+    """Return the velocity (3,) m/s of an odometry as it is, in map axes."""
+    return _in_map(state, geometry.rotate(odometry.q_world_body, odometry.v_body))
 
 
 def _in_map(state: CornerState, vector) -> np.ndarray:
     """Return a vector (3,) of the odometry's world in map axes."""
-    return geometry.rotate(geometry.quaternion_from_yaw(state.turn[2]), vector)
+    return geometry.rotate(geometry.quaternion_from_yaw(state.mean[YAW]), vector)
 
 
 def _velocity_slopes(measured) -> np.ndarray:
@@ -177,14 +178,8 @@ def _velocity_slopes(measured) -> np.ndarray:
     return slopes
 
 
-def _moved(state: CornerState, transition, noise, **changes) -> CornerState:
-    """Return the state after a step with all that its transition changes, and with the other `changes`."""
-    keep = transition.diagonal()
-    return replace(
-        state,
-        turn=keep[TURN] * state.turn,
-        error=keep[ERROR] * state.error,
-        covariance=transition @ state.covariance @ transition.T + np.diag(noise),
-        evidence=state.evidence.predicted(transition),
-        **changes,
-    )
+def _moved(state: CornerState, odometry: Odometry, mean, transition, noise) -> CornerState:
+    """Return the state at the stamp of a later odometry, with a new mean (16,), by the transition and its noise."""
+    covariance = transition @ state.covariance @ transition.T + np.diag(noise)
+    evidence = state.evidence.predicted(transition)
+    return replace(state, odometry=odometry, mean=mean, covariance=covariance, evidence=evidence)

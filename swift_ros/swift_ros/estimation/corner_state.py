@@ -1,7 +1,8 @@
 """State of the filter on corners at one time.
 
-Error state, in map axes: position (3) m, attitude error of the odometry (3) rad, velocity (3) m/s, error of the
-odometry's velocity (3) m/s, its scale error, bias of the accelerometer (3) m/s^2 in body axes.
+State and error state have the same rows, in map axes: position (3) m, rotation vector (3) rad from the odometry's axes
+to those of the map, velocity (3) m/s, error of the odometry's velocity (3) m/s, its scale error, bias of the
+accelerometer (3) m/s^2 in body axes.
 """
 
 from dataclasses import dataclass, replace
@@ -25,24 +26,14 @@ class CornerState:
 
     Attributes:
         odometry: newest odometry.
-        p_map: position (3,), m.
-        v_map: velocity (3,), m/s.
-        turn: rotation vector (3,) rad from the odometry's axes to those of the map, in map axes.
-        error: of the odometry's velocity (3,), m/s.
-        scale: scale error.
-        bias: of the accelerometer (3,), m/s^2.
+        mean: (16,).
         covariance: (16, 16).
         disagreement: of accelerometer and odometry: mean of the squared innovations in units of their variance.
         evidence: on the calibration of the camera.
     """
 
     odometry: Odometry
-    p_map: np.ndarray
-    v_map: np.ndarray
-    turn: np.ndarray
-    error: np.ndarray
-    scale: float
-    bias: np.ndarray
+    mean: np.ndarray
     covariance: np.ndarray
     disagreement: float
     evidence: CalibrationEvidence
@@ -58,35 +49,35 @@ class CornerState:
         sigmas[VELOCITY] = sigmas[ERROR] = error
         sigmas[SCALE] = settings.vio_scale
         sigmas[BIAS] = settings.imu_accel_bias
+        mean = np.zeros(SIZE)
+        mean[POSITION], mean[VELOCITY] = first.p_world, geometry.rotate(first.q_world_body, first.v_body)
         return cls(
             odometry=first,
-            p_map=np.asarray(first.p_world),
-            v_map=geometry.rotate(first.q_world_body, first.v_body),
-            turn=np.zeros(3),
-            error=np.zeros(3),
-            scale=0.0,
-            bias=np.zeros(3),
+            mean=mean,
             covariance=np.diag(sigmas**2),
             disagreement=1.0,
             evidence=CalibrationEvidence.none(SIZE),
         )
 
     @property
+    def p_map(self) -> np.ndarray:
+        """Position (3,), m."""
+        return self.mean[POSITION]
+
+    @property
+    def v_map(self) -> np.ndarray:
+        """Velocity (3,), m/s."""
+        return self.mean[VELOCITY]
+
+    @property
     def q_map_body(self) -> np.ndarray:
         """Attitude (4,)."""
-        q_turn = geometry.quaternion_from_rotation_vector(self.turn)
+        q_turn = geometry.quaternion_from_rotation_vector(self.mean[TURN])
         return geometry.normalize(geometry.quaternion_multiply(q_turn, self.odometry.q_world_body))
 
     def corrected(self, step, **changes) -> "CornerState":
         """Return the state after a correction by an error state (16,), with the other `changes` that it brings."""
-        before, turn = (geometry.quaternion_from_rotation_vector(each) for each in (self.turn, step[TURN]))
-        return replace(
-            self,
-            p_map=self.p_map + step[POSITION],
-            v_map=self.v_map + step[VELOCITY],
-            turn=geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(turn, before)),
-            error=self.error + step[ERROR],
-            scale=self.scale + float(step[SCALE]),
-            bias=self.bias + step[BIAS],
-            **changes,
-        )
+        before, turn = (geometry.quaternion_from_rotation_vector(each[TURN]) for each in (self.mean, step))
+        mean = self.mean + step
+        mean[TURN] = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(turn, before))
+        return replace(self, mean=mean, **changes)
