@@ -46,7 +46,7 @@ def _components(*arrays):
 def normalize(vector, floor: float = 1e-12) -> Any:
     """Return `vector` (..., n) scaled to length one along its last axis; the result is finite for a zero vector."""
     if floats := _floats(vector):
-        return vector / math.sqrt(sum(x * x for x in floats[0]) + floor**2)
+        return vector / math.hypot(*floats[0], floor)
     xp = array_namespace(vector)
     return vector / xp.sqrt(xp.sum(vector * vector, axis=-1, keepdims=True) + floor**2)
 
@@ -142,13 +142,14 @@ def quaternion_from_matrix(rotation):
 def quaternion_from_rotation_vector(rotation_vector):
     """Return q (..., 4) of a rotation by |v| rad about v (..., 3); exact and differentiable at v = 0."""
     if floats := _floats(rotation_vector):
-        squared = sum(x * x for x in floats[0])
+        x, y, z = floats[0]
+        squared = x * x + y * y + z * z
         if squared < 1e-8:
             scale, w = 0.5 - squared / 48.0, 1.0 - squared / 8.0
         else:
             angle = math.sqrt(squared)
             scale, w = float(np.sin(0.5 * angle)) / angle, float(np.cos(0.5 * angle))
-        return np.array([*(scale * x for x in floats[0]), w])
+        return np.array([scale * x, scale * y, scale * z, w])
     xp = array_namespace(rotation_vector)
     squared = xp.sum(rotation_vector * rotation_vector, axis=-1, keepdims=True)
     small = squared < 1e-8

@@ -11,7 +11,7 @@ most of the rest. Errors that only a motion distinguishes, such as the focal len
 not spread over all of them while the vehicle stands on its podium.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -160,7 +160,8 @@ class CalibrationEvidence:
 
     def predicted(self, transition) -> "CalibrationEvidence":
         """Return the evidence after a prediction of the filter with the matrix `transition`."""
-        return replace(self, sensitivity=transition @ self.sensitivity)
+        sensitivity = transition @ self.sensitivity
+        return CalibrationEvidence(sensitivity, self.information, self.score, self.chi_square, self.residuals)
 
     def observed(self, observation: Observation, gain=None) -> "CalibrationEvidence":
         """Return the evidence after an image.

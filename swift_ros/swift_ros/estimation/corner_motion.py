@@ -96,9 +96,9 @@ class CornerMotion:
         transition, noise = self._odometry_errors(odometry, dt)
         transition[VELOCITY, TURN] = -geometry.skew(turned)
         transition[VELOCITY, BIAS] = -dt * r_map_body
-        for block in (TURN, BIAS):
-            transition[POSITION, block] = 0.5 * dt * transition[VELOCITY, block]
+        transition[POSITION, TURN] = 0.5 * dt * transition[VELOCITY, TURN]
         transition[POSITION, VELOCITY] = dt * IDENTITY_3
+        transition[POSITION, BIAS] = 0.5 * dt * transition[VELOCITY, BIAS]
         noise[VELOCITY] = (self._settings.imu_accel_sigma * dt) ** 2
         mean = transition.diagonal() * state.mean
         mean[POSITION] += 0.5 * dt * (state.v_map + v_map)
@@ -182,4 +182,4 @@ def _moved(state: CornerState, odometry: Odometry, mean, transition, noise) -> C
     """Return the state at the stamp of a later odometry, with a new mean (16,), by the transition and its noise."""
     covariance = transition @ state.covariance @ transition.T + np.diag(noise)
     evidence = state.evidence.predicted(transition)
-    return replace(state, odometry=odometry, mean=mean, covariance=covariance, evidence=evidence)
+    return CornerState(odometry, mean, covariance, state.disagreement, evidence)
