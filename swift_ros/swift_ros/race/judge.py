@@ -98,8 +98,9 @@ class Judge:
         up = np.array([0.0, 0.0, 0.5 * hull_height])
         rings = np.concatenate([rim, 0.5 * rim, np.zeros((1, 3))])
         self._hull_body = np.concatenate([rings + up, rings - up])
-        # (n,): a vehicle further than this from a gate's centre cannot touch its frame.
-        self._reach = hull_radius + hull_height + np.hypot(track.outer_sides, track.depth) * math.sqrt(0.5)
+        self._reach = hull_radius + hull_height  # no point of the hull is further from its centre
+        half_outer = 0.5 * track.outer_sides
+        self._half_frames = np.stack([np.full_like(half_outer, track.half_depth), half_outer, half_outer], axis=-1)
         self.start(None)
 
     def start(self, stamp_ns: int | None) -> None:
@@ -180,11 +181,15 @@ class Judge:
         """Return whether no gate, bound or plane was near between two poses, so that their steps need no test."""
         track, p = self.track, pose.p_world
         reach = self._reach + 2 * float(np.linalg.norm(p - previous.p_world))
-        near, largest = np.any(np.linalg.norm(track.positions - p, axis=1) < reach), np.max(reach)
-        near |= bool(rules.above_podium(np.asarray(track.start), p, largest))
-        apart = np.min(p - track.bounds_min) > largest and np.min(track.bounds_max - p) > largest
+        near = self._gates_within(p, reach).size > 0 or bool(rules.above_podium(np.asarray(track.start), p, reach))
+        apart = np.min(p - track.bounds_min) > reach and np.min(track.bounds_max - p) > reach
         crossed, _, _ = self._next_plane(previous.p_world, p)
         return bool(apart and not near and not crossed and self._crossing is None)
+
+    def _gates_within(self, p_world, reach: float) -> np.ndarray:
+        """Return the indices of the gates whose frame, as a full box, is less than `reach` (m) away along its axes."""
+        offsets = to_gate_frame(self.track.positions, self.track.rotations, p_world)
+        return np.flatnonzero(np.all(np.abs(offsets) < self._half_frames + reach, axis=1))
 
     def _next_plane(self, before, after):
         """Return `rules.plane_crossing` of a move and the next gate."""
@@ -204,7 +209,7 @@ class Judge:
             return ""
         hull = self._hull(p_world, q_world_body)
         margin = math.inf
-        for gate in np.flatnonzero(np.linalg.norm(track.positions - p_world, axis=1) < self._reach):
+        for gate in self._gates_within(p_world, self._reach):
             clearance = self._clearance(int(gate), hull)
             if clearance < 0:
                 return f"touched gate {gate + 1}"
