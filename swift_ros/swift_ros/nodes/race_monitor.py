@@ -11,15 +11,14 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from swift_ros import configuration
-from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_health import TopicMonitor
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.messages.motion import odometry_from_bytes
 from swift_ros.messages.race import to_race_status, to_track_markers
-from swift_ros.messages.serialization import deserialize, message_type
+from swift_ros.messages.serialization import deserialize
 from swift_ros.messages.stamps import from_time, header_stamp_ns, to_time
-from swift_ros.nodes.bound_subscription import PublisherCheck, publisher_names
-from swift_ros.nodes.polled_subscriptions import PolledSubscriptions, polled_subscription
+from swift_ros.nodes.bound_subscription import publisher_names
+from swift_ros.nodes.polled_subscriptions import PolledSubscriptions
 from swift_ros.nodes.shell import LEVELS, Shell, run
 from swift_ros.race.control import LinkStatus, RaceControl, RaceSettings, Refused
 from swift_ros.race.judge import ARMED, RACING, Judge
@@ -99,11 +98,9 @@ class RaceMonitorNode(Shell):
         if self.lockstep:
             self.subscribe(topic.name, on_data_in_lockstep, raw=True)
         else:
-            profile = qos_profile(topic, self.lockstep)
-            profile.depth = POLLED_DEPTH
-            subscription = polled_subscription(self, message_type(topic.type), topic.name, profile, raw=True)
+            subscription, check = self._subscriber.poll(topic, POLLED_DEPTH)
             self._polled.add(topic.name, subscription)
-            self._on_polled[topic.name] = PublisherCheck(self._subscriber, topic), on_data
+            self._on_polled[topic.name] = check, on_data
 
     def _take_polled(self) -> None:
         for each in self._polled.take():

@@ -25,8 +25,10 @@ from swift_ros.messages.serialization import message_type
 from swift_ros.nodes import parameters
 from swift_ros.nodes.bound_subscription import Subscriber
 from swift_ros.nodes.latched_publisher import LatchedPublisher
+from swift_ros.nodes.polled_subscriptions import take_all
 
 SHUTDOWN_POLL_S = 0.2  # s; longest time until a requested shutdown is noticed
+POLLED_DEPTH = 50  # messages of a polled topic that wait in real time: half a second of the IMU
 LOG_INTERVAL_S = 1.0  # s; a sentence is logged at most once in this time
 LEVELS = {"ok": DiagnosticStatus.OK, "warn": DiagnosticStatus.WARN, "error": DiagnosticStatus.ERROR}
 
@@ -75,6 +77,15 @@ class Shell(Node):
             raw: hand over CDR bytes instead of messages.
         """
         return self._subscriber.subscribe(TOPICS[topic_name], callback, raw)
+
+    def poll(self, topic_name: str) -> Callable[[], list[bytes]]:
+        """Subscribe to a topic of the table without being woken by its messages.
+
+        Returns:
+            function that returns the CDR bytes of all messages received since its last call, oldest first.
+        """
+        subscription, check = self._subscriber.poll(TOPICS[topic_name], POLLED_DEPTH)
+        return lambda: [data for data, info in take_all(subscription) if check.accepts(data, info)]
 
     def now_ns(self) -> int:
         """Return the time of the node's clock, ns.

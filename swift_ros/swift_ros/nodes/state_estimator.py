@@ -27,16 +27,15 @@ class StateEstimatorNode(Shell):
         # In lockstep a state waits for the gates of each image; camera_info announces the image in a small message.
         self.subscribe("camera/camera_info", self._on_image)
         self.subscribe("gates/poses", self._on_gates)
-        self.subscribe("imu/data_raw", self._on_imu, raw=True)
+        self._new_imu = self.poll("imu/data_raw")
         self.subscribe("vio/odometry", self._on_odometry, raw=True)
 
     def _on_image(self, message):
         self._estimator.image(from_time(message.header.stamp))
 
-    def _on_imu(self, data: bytes):
-        self._estimator.imu(imu_from_bytes(data))
-
     def _on_odometry(self, data: bytes):
+        for sample in self._new_imu():
+            self._estimator.imu(imu_from_bytes(sample))
         self._send(self._estimator.odometry(odometry_from_bytes(data)))
 
     def _on_gates(self, message):

@@ -12,13 +12,12 @@ class VioNode(Shell):
         super().__init__("vio", VioSettings)
         self._guard = VioGuard(self.settings)
         self._odometry = self.publisher("vio/odometry")
-        self.subscribe("imu/data_raw", self._on_imu, raw=True)
+        self._new_imu = self.poll("imu/data_raw")
         self.subscribe("vio/raw", self._on_raw, raw=True)
 
-    def _on_imu(self, data: bytes):
-        self._guard.imu(imu_from_bytes(data))
-
     def _on_raw(self, data: bytes):
+        for sample in self._new_imu():
+            self._guard.imu(imu_from_bytes(sample))
         checked = self._guard.check(odometry_from_bytes(data))
         odometry = checked.odometry or checked.bridge
         if odometry is not None:
