@@ -84,7 +84,7 @@ def _grey_levels(scene: Scene, total, count, pose, rays: Rays, noise):
         towards = (towards / jnp.sqrt(jnp.sum(towards**2) + 1e-6)) @ rotation
         light = light + scene.room.glare[k] * jnp.exp(40 * (towards @ rays.directions - 1))
     light = jnp.clip(light * scene.gain * (1 - scene.vignetting * rays.radius**3), 0, 1)
-    levels = 255 * light**scene.gamma
+    levels = 255 * jnp.exp(scene.gamma * jnp.log(light))  # XLA computes a power of each number by itself
     return jnp.clip(levels + scene.noise * noise + 0.5, 1, 255).astype(jnp.uint8)
 
 
@@ -95,18 +95,22 @@ def render_circle(scene: Scene, stack, poses: Poses, rays: Rays, noise, pixel_an
         scene: what is rendered.
         stack: textures, flat, uint8.
         poses: of the camera during the exposure.
-        rays: of the pixels.
+        rays: of the pixels; n is a multiple of VECTOR.
         noise: (n,), standard normal.
         pixel_angle: rad between neighbouring pixels.
     """
-    spare = -len(noise) % VECTOR
-    padded = jax.tree.map(lambda values: jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], "edge"), rays)
-    total = jnp.zeros(len(padded.radius), jnp.float32)
+    total = jnp.zeros(len(rays.radius), jnp.float32)
     for pose in zip(*poses, strict=True):
-        total = add_brightness(total, stack, scene, pose, padded, pixel_angle)
+        total = add_brightness(total, stack, scene, pose, rays, pixel_angle)
     count = len(poses.origins)
     middle = poses.origins[count // 2], poses.rotations[count // 2]
-    return np.asarray(_grey_levels(scene, total, count, middle, padded, np.pad(noise, (0, spare))))[: len(noise)]
+    return np.asarray(_grey_levels(scene, total, count, middle, rays, noise))
+
+
+def _whole_vectors(values) -> np.ndarray:
+    """Return the values (..., n) of rays with the last ray repeated until their number is a multiple of VECTOR."""
+    spare = -values.shape[-1] % VECTOR
+    return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], "edge")
 
 
 class CircleRenderer:
@@ -123,10 +127,11 @@ class CircleRenderer:
         self.camera = camera
         inside, directions, radius = pixel_rays(camera)
         self._inside = np.flatnonzero(inside)
-        self._rays = Rays(jnp.asarray(directions), jnp.asarray(radius))
+        self._rays = Rays(*(jnp.asarray(_whole_vectors(values)) for values in (directions, radius)))
         self._stack = jnp.asarray(stack.reshape(-1))
         self._distorted_rays = DistortedRays(camera, errors, self._inside) if errors and any(errors) else None
-        self._noise = np.random.default_rng(0).standard_normal(len(radius) + NOISE_SIDE**2).astype(np.float32)
+        self._noise = np.random.default_rng(0).standard_normal(len(self._rays.radius) + NOISE_SIDE**2)
+        self._noise = self._noise.astype(np.float32)
 
     def render(self, scene: Scene, motion: BodyMotion, max_poses: int, rng) -> np.ndarray:
         """Return the image (H, W) uint8 of a vehicle's camera; black means outside the image circle.
@@ -145,10 +150,10 @@ class CircleRenderer:
             directions, drift = self._distorted_rays.of_image(
                 motion.q_world_body, motion.v_world, motion.omega_body, rng
             )
-            rays = Rays(directions.T, rays.radius, drift)
+            rays = Rays(_whole_vectors(directions.T), rays.radius, _whole_vectors(drift))
         levels = render_circle(scene, self._stack, poses, rays, noise, pixel_angle=float(1 / self.camera.fx))
         image = np.zeros(self.camera.height * self.camera.width, np.uint8)
-        image[self._inside] = levels
+        image[self._inside] = levels[: len(self._inside)]
         return image.reshape(self.camera.height, self.camera.width)
 
 
@@ -170,7 +175,8 @@ class Renderer:
         """
         self._looks = looks
         self._rng = np.random.default_rng(seed)
-        self.scene = scenes.race_scene(track, looks, self._rng)
+        # On the device, for all images.
+        self.scene = jax.tree.map(jnp.asarray, scenes.race_scene(track, looks, self._rng))
         self._circle = CircleRenderer(camera, textures.stack(looks.families, looks.textures, self._rng), errors)
 
     def render(self, p_world, q_world_body, v_world, omega_body) -> np.ndarray:
