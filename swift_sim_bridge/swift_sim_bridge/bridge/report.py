@@ -17,7 +17,7 @@ class _Mark:
     stamp_ns: int
     msp_sha256: str
     truth_sha256: str
-    pack: tuple[float, float, dict | None]
+    pack: tuple
     ticks: int
 
 

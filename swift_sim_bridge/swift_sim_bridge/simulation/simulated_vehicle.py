@@ -48,11 +48,9 @@ class _TickEnd(Trace):
 
     Attributes:
         drawn: A s drawn from the pack.
-        rc_voltage: V over the pack's RC branch.
     """
 
     drawn: float = 0.0
-    rc_voltage: float = 0.0
 
 
 @cache
@@ -108,7 +106,6 @@ def _tick_end(state, trace):
         trace.voltage[-1],
         trace.current.mean(),
         state.charge,
-        state.rc_voltage,
         touched.crashed[first],
         touched.gate[first],
         touched.impact[first],
@@ -257,9 +254,9 @@ class SimulatedVehicle:
         rotors = len(self.vehicle.rotors)
         bounds = itertools.accumulate((3, 4, 3, 3, 3, rotors, rotors), initial=0)
         arrays = [tick_end[begin:end] for begin, end in itertools.pairwise(bounds)]
-        voltage, current, drawn, rc_voltage, crashed, gate, speed = tick_end[-7:].tolist()
+        voltage, current, drawn, crashed, gate, speed = tick_end[-6:].tolist()
         self.flight_controller.take_motor_state(arrays[6], arrays[5])
-        self._tick_end = _TickEnd(*arrays, voltage, current, drawn=drawn, rc_voltage=rc_voltage)
+        self._tick_end = _TickEnd(*arrays, voltage, current, drawn=drawn)
         self.tick += 1
         if crashed and self.crash is None:
             obstacle = f"gate {gate + 1:.0f}" if gate >= 0 else "the ground"
@@ -312,18 +309,19 @@ class SimulatedVehicle:
         return float(np.linalg.norm(self._tick_end.v_world))
 
     @property
-    def pack(self) -> tuple[float, float, dict | None]:
-        """The battery's state: A s drawn, V over its RC branch, and its further memory (see `battery.start`)."""
-        return self._tick_end.drawn, self._tick_end.rc_voltage, self._flight.state.memory.get(BATTERY)
+    def pack(self) -> tuple:
+        """The battery's state for `thrust_to_weight`: the vectors of the flight, as only it needs to unpack them."""
+        return tuple(map(np.array, self._packed))
 
-    def thrust_to_weight(self, pack: tuple[float, float, dict | None]) -> float:
+    def thrust_to_weight(self, pack: tuple) -> float:
         """Return the thrust of all rotors at full command over the weight, with a `pack` that sags under that load."""
-        p = self._parameters
+        p, state = self._parameters, self._layout.unpack(pack).state
         full, voltage = jnp.ones(len(self.vehicle.rotors)), jnp.asarray(self.vehicle.battery.reference_voltage)
         for _ in range(VOLTAGE_ITERATIONS):  # the load lowers the voltage, which lowers the load
             speed = motors.steady_speed(full, voltage, p.motors)
             load_w = battery.power(speed, p.rotors.torque_coefficient, p.battery)
-            charge, rc_voltage, memory = pack
-            voltage, _ = battery.voltage_and_current(load_w, charge, rc_voltage, p.battery, memory)
+            voltage, _ = battery.voltage_and_current(
+                load_w, state.charge, state.rc_voltage, p.battery, state.memory.get(BATTERY)
+            )
         thrust = float(jnp.sum(p.rotors.thrust_coefficient * speed * speed))
         return thrust / (self.vehicle.mass * GRAVITY)
