@@ -5,6 +5,7 @@ clock, tick by tick in lockstep with the graph. On the system's clock nothing wa
 """
 
 import json
+import os
 import threading
 import time
 from dataclasses import dataclass
@@ -42,6 +43,7 @@ from swift_sim_bridge.sensors.camera import flown_camera, image_errors
 from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS, SimulatedVehicle
 
 CHECK_S = 0.1  # steady s between two checks of patience and of the pacing thread
+SMALL_LOOP = "xla_cpu_small_while_loop_byte_threshold=65536"  # bytes of arrays; the loop of a tick has fewer than 2,000
 FRAMES_PATIENCE_S = 1.0  # the link writes a frame before it reports it, so the frame normally arrives at once
 WALL_CLOCK_CURE = "give one with gyro sync (its option SIMULATOR_GYROPID_SYNC), or fly in real time (--real-time)"
 BROWN_OUT = "simulator/brown_out"  # service
@@ -292,8 +294,12 @@ class BridgeNode(Shell):
 def _prepare_jax() -> None:
     """Configure JAX: double precision, on the CPU, in the caller's thread because a tick is too short for a handover.
 
-    XLA keeps its thread pool: with a single thread, ticks would wait for images (10 ms) and no CPU time is saved.
+    XLA splits the arrays of an image among the threads of its pool, which costs a third more CPU time than one thread
+    needs; its loop over the sub-steps of a tick takes three times as long as one compiled function. Both settings are
+    read when JAX first computes; those of the environment win.
     """
+    os.environ.setdefault("PJRT_NPROC", "1")
+    os.environ.setdefault("XLA_FLAGS", f"--xla_backend_extra_options={SMALL_LOOP}")
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_cpu_enable_async_dispatch", False)
