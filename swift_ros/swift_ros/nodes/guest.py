@@ -2,6 +2,7 @@
 
 import rclpy
 from rclpy.experimental import EventsExecutor
+from rclpy.task import Future
 
 from swift_ros.graph.discovery import confine
 from swift_ros.graph.qos import DEEP, qos_profile
@@ -56,6 +57,10 @@ class Guest:
     def spin_once(self, timeout_s: float) -> None:
         """Process one message, or none that arrives within `timeout_s`."""
         self.executor.spin_once(timeout_sec=timeout_s)
+
+    def spin(self, period_s: float) -> None:
+        """Process the messages of a period, s, at less cost for each one than `spin_once` (see `shell.spin`)."""
+        self.executor.spin_until_future_complete(Future(), timeout_sec=period_s)
 
     def close(self) -> None:
         """Leave the graph."""

@@ -16,7 +16,7 @@ from swift_ros.nodes.race_monitor import RUNNER
 from swift_ros.race.judge import ENDS, IDLE, LOST, RACING, RaceEvent
 from swift_ros.working_time import WorkingTime
 
-SPIN_S = 0.02  # longest wait for a message in `spin`
+SPIN_S = 0.02  # s; period of `spin`, after which its caller looks at the nodes
 SERVICE_PATIENCE_S = 5.0  # working time: longest wait for the answer of a service
 
 
@@ -69,8 +69,8 @@ class Listener:
         self.last_message_s = self.last_link_s = self.working_time.now_s()
 
     def spin(self) -> None:
-        """Process the messages that arrive within SPIN_S."""
-        self._guest.spin_once(SPIN_S)
+        """Process the messages of SPIN_S."""
+        self._guest.spin(SPIN_S)
 
     def report_fault(self, fault: str) -> None:
         """Print and store a fault, and publish it to the race monitor, which ends the race."""

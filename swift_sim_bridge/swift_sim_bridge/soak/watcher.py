@@ -36,9 +36,9 @@ class Watcher:
             self._guest.subscribe(TRUTH, self._on_truth)
 
     def spin(self) -> None:
-        """Process the messages that arrive within SPIN_S."""
+        """Process the messages of SPIN_S."""
         self._stalls.take()
-        self._guest.spin_once(SPIN_S)
+        self._guest.spin(SPIN_S)
 
     def _on_link(self, message) -> None:
         answered_ns, written_ns = from_time(message.command_stamp), message_stamp_ns(message)
