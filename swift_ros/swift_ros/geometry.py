@@ -13,6 +13,9 @@ import array_api_compat
 import numpy as np
 
 _NUMPY = array_api_compat.array_namespace(np.empty(0))
+# Of each entry of a skew-symmetric matrix: the component of the vector, and its sign.
+SKEW_COMPONENTS = np.array([[0, 2, 1], [2, 0, 0], [1, 0, 0]])
+SKEW_SIGNS = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]])
 
 
 def array_namespace(*arrays):
@@ -62,11 +65,7 @@ def skew(vector):
     if floats := _floats(vector):
         x, y, z = floats[0]
         return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    xp = array_namespace(vector)
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    zero = xp.zeros_like(x)
-    entries = xp.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
-    return xp.reshape(entries, (*entries.shape[:-1], 3, 3))
+    return vector[..., SKEW_COMPONENTS] * SKEW_SIGNS
 
 
 def quaternion_multiply(q_a_b, q_b_c):

@@ -84,7 +84,8 @@ def test_one_solution_of_ippe_has_the_corners_where_they_are(distance, azimuth, 
     ahead = geometry.rotation_matrix(geometry.quaternion_multiply(line_of_sight, turned(yaw, pitch, roll)))
     corners = SQUARE_GATE @ ahead.T + geometry.rotate(line_of_sight, np.array([distance, 0.0, 0.0]))
     rays = geometry.normalize(np.stack([-corners[:, 1], -corners[:, 2], corners[:, 0]], axis=-1))
-    positions, rotations = solve_square(TRACK.inner_side, rays)
+    solvable, positions, rotations = solve_square(TRACK.inner_side, rays)
+    assert solvable
     seen = geometry.normalize((SQUARE_GATE - positions[:, None]) @ rotations)
     assert np.abs(seen - rays).max(axis=(1, 2)).min() < 1e-6
     assert np.allclose(np.linalg.det(rotations), 1.0)

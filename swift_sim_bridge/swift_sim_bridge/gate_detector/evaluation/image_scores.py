@@ -13,6 +13,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.camera.model import unproject
+from swift_ros.corner_rays import ray_axes
 from swift_ros.perception import gate_pose
 from swift_ros.perception.gate_detector import GateDetector
 from swift_ros.track import CORNER_SIGNS
@@ -212,10 +213,10 @@ def _is_near_all(points, gate: LabelledGate) -> bool:
 def _pose(corners_px, camera, inner_side: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Return position (3,) of a gate in the optical frame and its attitude (3, 3); None where there is none."""
     rays = unproject(camera, np.asarray(corners_px, dtype=float))
-    start = gate_pose.solve_square(inner_side, rays)
-    if start is None:
+    solvable, *start = gate_pose.solve_square(inner_side, rays)
+    if not solvable:
         return None
-    views = gate_pose.fit(0.5 * inner_side * CORNER_SIGNS, rays, *start)
+    views = gate_pose.fit(0.5 * inner_side * CORNER_SIGNS, ray_axes(rays), *start)
     best = int(np.argmin(views.error))
     return views.p_camera_gate[best], views.rotation[best].T
 
