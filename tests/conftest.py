@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from swift_ros.blas_threads import use_one_thread
 from swift_ros.graph.discovery import choose
 from swift_ros.graph.domain import free_domain
+from swift_ros.library_threads import use_one_thread
 
 ROOT = Path(__file__).resolve().parent.parent
 

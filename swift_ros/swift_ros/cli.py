@@ -22,10 +22,10 @@ from collections.abc import Callable
 from importlib.metadata import entry_points, version
 from pathlib import Path
 
-from swift_ros.blas_threads import use_one_thread
 from swift_ros.commands import output
 from swift_ros.commands.command_table import COMMANDS
 from swift_ros.errors import DamagedRecording, UsageError
+from swift_ros.library_threads import use_one_thread
 
 GROUP = "swift.commands"
 

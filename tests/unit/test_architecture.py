@@ -18,7 +18,7 @@ LAYERS = (
     # what flies
     (
         "swift_ros",
-        "swift_ros/blas_threads",
+        "swift_ros/library_threads",
         "swift_ros/errors",
         "swift_ros/geometry",
         "swift_ros/text",

@@ -12,11 +12,11 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from swift_ros.blas_threads import use_one_thread
 from swift_ros.configuration import prefixes
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import choose
 from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE, NodeRow
+from swift_ros.library_threads import use_one_thread
 from swift_ros.working_time import WorkingTime
 
 # Signals that end a node, with the working time (s) after which the next one is sent; the recorder needs the first
