@@ -121,7 +121,7 @@ class UprightView:
         positions = COARSE * np.arange(-1, count + 1) + (COARSE - 1) / 2
         self._grid = np.stack(np.meshgrid(positions, positions), axis=-1)
         self._full = COARSE * (count + 2)
-        self._last = self.panorama, self.panorama.rays(self._grid)
+        self._last = self.panorama, self._rays_of(self.panorama)
         self._reduced_size = self._size_for(self.panorama.pixels_per_radian)
 
     def _size_for(self, density: float) -> tuple[int, int] | None:
@@ -144,14 +144,19 @@ class UprightView:
         return RaisedPanorama(self.panorama.side, self.panorama.pixels_per_radian, elevation)
 
     def _rays(self, panorama: Panorama) -> np.ndarray:
-        """Return the rays of the coarse map, which are kept for the next image."""
+        """Return the rays of the coarse map (3, n), which are kept for the next image."""
         if self._last[0] != panorama:
-            self._last = panorama, panorama.rays(self._grid)
+            self._last = panorama, self._rays_of(panorama)
         return self._last[1]
+
+    def _rays_of(self, panorama: Panorama) -> np.ndarray:
+        # One row for each component: rotation and projection are faster than with rows of three.
+        return np.ascontiguousarray(panorama.rays(self._grid).reshape(-1, 3).T)
 
     def warp(self, image, r_world_camera) -> np.ndarray:
         """Return the panorama (side, side) uint8 of an image (H, W); black outside of the image."""
-        rays_camera = self._rays(self.panorama_at(r_world_camera)) @ r_upright_camera(r_world_camera)
+        rays = r_upright_camera(r_world_camera).T @ self._rays(self.panorama_at(r_world_camera))
+        rays_camera = rays.T.reshape(*self._grid.shape[:2], 3)
         coarse, _ = lens.project(self.camera, rays_camera)
         if self._reduced_size:
             scale = np.array(self._reduced_size) / [self.camera.width, self.camera.height]
