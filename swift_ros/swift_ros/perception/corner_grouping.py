@@ -5,12 +5,14 @@ great-circle arc between the rays of two corners: in the panorama this is the im
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 CORNERS = 4  # of a gate
 AROUND = np.array([(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1)])  # steps to the pixels of 3 x 3
 EDGE_SAMPLES = 10  # samples of the field along an edge
+ALONG = np.linspace(0, 1, EDGE_SAMPLES + 1)[:, None, None]  # ends of the parts of an edge, from 0 to 1
 # Largest horizontal distance between the ends of a vertical edge: share of its height, plus px. An attitude error makes
 # vertical edges lean by the same angle; the share allows 8.5 degrees.
 MAX_LEAN_SHARE, MAX_LEAN_PX = 0.15, 4.0
@@ -61,26 +63,25 @@ def find_peaks(heat, settings: GroupingSettings) -> list[Peaks]:
     A peak is a local maximum of its 3 x 3 neighbourhood. Its position is the vertex of a parabola through the logarithm
     of the map, which is exact for a Gaussian.
     """
-    classes, rows, columns = np.unravel_index(np.flatnonzero(heat > settings.peak_threshold), heat.shape)  # few of all
+    flat = np.flatnonzero(heat > settings.peak_threshold)  # few of all
+    around = heat.take(flat + (AROUND @ [heat.shape[2], 1])[:, None], mode="clip")  # of 3 x 3 pixels, row by row
+    highest = around[4] == around.max(axis=0)
+    classes, rows, columns = np.unravel_index(flat[highest], heat.shape)
+    around = around[:, highest]
     inner = (rows > 0) & (columns > 0) & (rows < heat.shape[1] - 1) & (columns < heat.shape[2] - 1)
-    classes, rows, columns = classes[inner], rows[inner], columns[inner]
-    around = heat[classes, rows + AROUND[:, :1], columns + AROUND[:, 1:]]
-    highest = (heat[classes, rows, columns] >= around).all(axis=0)
-    classes, rows, columns, around = classes[highest], rows[highest], columns[highest], around[:, highest]
-    above, before, at, after, below = around[[1, 3, 4, 5, 7]]  # of 3 x 3 pixels, row by row
-    x, y = columns + _vertex(before, at, after), rows + _vertex(above, at, below)
-    points = settings.stride * np.stack([x, y], axis=-1) + (settings.stride - 1) / 2
-    peaks = []
-    for k in range(len(heat)):
-        of_class = np.flatnonzero(classes == k)
-        order = of_class[np.argsort(-at[of_class], kind="stable")[: settings.most_peaks]]
-        peaks.append(Peaks(points[order], at[order].astype(float)))
-    return peaks
+    order = np.lexsort((-around[4], classes))
+    order = order[inner[order]]
+    classes, around, places = classes[order], around[:, order], np.stack([columns[order], rows[order]])
+    logarithms = np.log(np.maximum(around, MIN_MAP_VALUE))
+    vertices = _vertex(logarithms[[3, 1]], logarithms[4], logarithms[[5, 7]])
+    points = settings.stride * (places + vertices).T + (settings.stride - 1) / 2
+    confidence, ends = around[4].astype(float), np.searchsorted(classes, np.arange(len(heat) + 1)).tolist()
+    ranges = [slice(start, min(end, start + settings.most_peaks)) for start, end in pairwise(ends)]
+    return [Peaks(points[of_class], confidence[of_class]) for of_class in ranges]
 
 
 def _vertex(before, at, after):
-    """Return the position (-0.5 to 0.5) of the vertex of the parabola through three logarithms."""
-    before, at, after = (np.log(np.maximum(v, MIN_MAP_VALUE)) for v in (before, at, after))
+    """Return the positions (-0.5 to 0.5) of the vertices of the parabolas through three values."""
     curvature = np.minimum(before - 2 * at + after, -1e-9)
     return np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
 
@@ -97,31 +98,29 @@ def edge_scores(peaks: list[Peaks], fields, panorama, settings: GroupingSettings
         panorama: view of the maps.
         settings: of the grouping.
     """
-    rays = [panorama.rays(p.points) for p in peaks]
-    scores = []
-    for k in range(CORNERS):
-        following = (k + 1) % CORNERS
-        agreement = _along_arcs(rays[k], rays[following], fields[2 * k : 2 * k + 2], panorama, settings)
-        if k % 2:  # TR-BR and BL-TL are vertical in the panorama
-            difference = peaks[following].points[None] - peaks[k].points[:, None]
-            leans = np.abs(difference[..., 0]) > MAX_LEAN_SHARE * np.abs(difference[..., 1]) + MAX_LEAN_PX
-            agreement = np.where(leans, -1.0, agreement)
-        scores.append(agreement)
-    return scores
+    counts = [len(p.points) for p in peaks]
+    points, corner = np.concatenate([p.points for p in peaks]), np.repeat(np.arange(CORNERS), counts)
+    starts, ends = np.nonzero((corner[:, None] + 1) % CORNERS == corner)  # of all four edges, one after the other
+    rays, edge = panorama.rays(points), corner[starts]
+    agreement = _along_arcs(rays[starts], rays[ends], fields, edge, panorama, settings)
+    difference = np.abs(points[ends] - points[starts])
+    leans = difference[:, 0] > MAX_LEAN_SHARE * difference[:, 1] + MAX_LEAN_PX
+    agreement = np.where(leans & (edge % 2 == 1), -1.0, agreement)  # TR-BR and BL-TL are vertical in the panorama
+    shapes = [(counts[k], counts[(k + 1) % CORNERS]) for k in range(CORNERS)]
+    parts = np.split(agreement, np.cumsum([n * m for n, m in shapes])[:-1])
+    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
-def _along_arcs(starts, ends, field, panorama, settings):
-    """Return the mean agreement (n, m) of a field (2, h, w) with the arcs between rays (n, 3) and (m, 3)."""
-    if not len(starts) or not len(ends):
-        return np.zeros((len(starts), len(ends)))
-    share = np.linspace(0, 1, EDGE_SAMPLES + 1)[:, None, None, None]
-    arcs = panorama.points((1 - share) * starts[:, None] + share * ends[None])
-    steps = np.diff(arcs, axis=0)
+def _along_arcs(starts, ends, fields, edge, panorama, settings):
+    """Return the mean agreement (n,) of the fields (8, h, w) of edges (n,) with the arcs between rays (n, 3)."""
+    arcs = panorama.points((1 - ALONG) * starts + ALONG * ends)
+    steps = arcs[1:] - arcs[:-1]
     positions = (0.5 * (arcs[1:] + arcs[:-1]) - (settings.stride - 1) / 2) / settings.stride
-    columns = np.clip(np.rint(positions[..., 0]).astype(int), 0, field.shape[2] - 1)
-    rows = np.clip(np.rint(positions[..., 1]).astype(int), 0, field.shape[1] - 1)
-    length = np.hypot(steps[..., 0], steps[..., 1]) + 1e-9
-    return np.mean((field[0, rows, columns] * steps[..., 0] + field[1, rows, columns] * steps[..., 1]) / length, axis=0)
+    last = np.array(fields.shape[:0:-1]) - 1
+    columns, rows = np.moveaxis(np.clip(np.rint(positions).astype(int), 0, last), -1, 0)
+    right, down = steps[..., 0], steps[..., 1]
+    along = fields[2 * edge, rows, columns] * right + fields[2 * edge + 1, rows, columns] * down
+    return np.mean(along / (np.hypot(right, down) + 1e-9), axis=0)
 
 
 def connected_corners(scores: list[np.ndarray], settings: GroupingSettings) -> list[np.ndarray]:
@@ -159,11 +158,11 @@ def quadrilaterals(peaks: list[Peaks], scores: list[np.ndarray], panorama, setti
 
 
 def without_outset(points, settings: GroupingSettings) -> np.ndarray:
-    """Return the corners (4, 2) of a gate in the panorama, px, moved towards its centre by the network's outset."""
-    arms = points - points.mean(axis=0)
-    side = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=-1).mean()
-    outset = settings.corner_outset_px * min(side / FULL_OUTSET_SIDE_PX, 1.0) ** 2
-    return points - outset * arms / np.linalg.norm(arms, axis=-1, keepdims=True)
+    """Return the corners (..., 4, 2) of gates in the panorama, px, moved to their centres by the network's outset."""
+    arms = points - points.mean(axis=-2, keepdims=True)
+    side = np.linalg.norm(points - points[..., [1, 2, 3, 0], :], axis=-1).mean(axis=-1)
+    outset = settings.corner_outset_px * np.minimum(side / FULL_OUTSET_SIDE_PX, 1.0) ** 2
+    return points - outset[..., None, None] * arms / np.linalg.norm(arms, axis=-1, keepdims=True)
 
 
 def _squares(tl, tr, br, bl, panorama):
@@ -173,23 +172,20 @@ def _squares(tl, tr, br, bl, panorama):
     square's side. The posts must be one side apart and have the same height, within SQUARE_TOLERANCE and the effect of
     corner errors of CORNER_ERROR_PX.
     """
-    density = panorama.pixels_per_radian
-    azimuth = [panorama.angles(0.5 * (a + b))[:, 0] for a, b in ((tl, bl), (tr, br))]
-    high, low = ([np.tan(panorama.angles(p)[:, 1]) for p in posts] for posts in ((tl, tr), (bl, br)))
-    distance = [1 / np.maximum(a - b, 1e-3) for a, b in zip(high, low, strict=True)]
-    uncertainty = [  # of the distance, relative
-        d * (1 + np.maximum(a**2, b**2)) * CORNER_ERROR_PX / density
-        for d, a, b in zip(distance, high, low, strict=True)
-    ]
-    near, far = distance[0][:, None], distance[1][None]
-    share = np.hypot(uncertainty[0][:, None], uncertainty[1][None])
-    across = 2 * np.sqrt(near * far) * np.abs(np.sin(0.5 * (azimuth[0][:, None] - azimuth[1][None])))
+    left = len(tl)
+    top, bottom = np.concatenate([tl, tr]), np.concatenate([bl, br])
+    azimuth = panorama.angles(0.5 * (top + bottom))[:, 0]
+    high, low = np.tan(panorama.angles(np.stack([top, bottom]))[..., 1])
+    distance = 1 / np.maximum(high - low, 1e-3)
+    size = 1 + np.maximum(high**2, low**2)
+    uncertainty = distance * size * CORNER_ERROR_PX / panorama.pixels_per_radian  # of the distance, relative
+    height = distance * high
+    near, far = distance[:left, None], distance[left:]
+    share = np.hypot(uncertainty[:left, None], uncertainty[left:])
+    across = 2 * np.sqrt(near * far) * np.abs(np.sin(0.5 * (azimuth[:left, None] - azimuth[left:])))
     along, error = np.abs(near - far), share * np.maximum(near, far)
     widest = np.hypot(across * (1 + share), along + error)
     narrowest = np.hypot(across * (1 - share), np.maximum(along - error, 0))
-    height = [(d * h) for d, h in zip(distance, high, strict=True)]
-    height_difference = np.abs(height[0][:, None] - height[1][None])
-    even = height_difference < SQUARE_TOLERANCE + share * (
-        1 + np.maximum(np.abs(height[0][:, None]), np.abs(height[1][None]))
-    )
+    highest = np.maximum(np.abs(height[:left, None]), np.abs(height[left:]))
+    even = np.abs(height[:left, None] - height[left:]) < SQUARE_TOLERANCE + share * (1 + highest)
     return even & (widest > 1 - SQUARE_TOLERANCE) & (narrowest < 1 + SQUARE_TOLERANCE)

@@ -13,7 +13,6 @@ from swift_ros.perception.corner_grouping import (
     edge_scores,
     find_peaks,
     quadrilaterals,
-    without_outset,
 )
 from swift_ros.perception.corner_network import CornerNetwork
 from swift_ros.perception.incomplete_gates import MIN_BORDER_PX, incomplete_gates, seen_corners
@@ -62,21 +61,18 @@ class GateDetector:
     def detect_all(self, image, q_world_body) -> tuple[list[GateCorners], list[GateCorners]]:
         """Return the complete and the incomplete gates in an image; arguments and errors as for `detect`."""
         peaks, scores, r_world_camera = self._peaks_and_scores(image, q_world_body)
-        usable = self._far_from_border(peaks, r_world_camera)
-        found = []
-        for gate in quadrilaterals(peaks, scores, self.view.panorama_at(r_world_camera), self.grouping):
-            points = np.stack([peaks[k].points[i] for k, i in enumerate(gate)])
-            confidence = np.array([peaks[k].confidence[i] for k, i in enumerate(gate)])
-            found.append((without_outset(points, self.grouping), confidence))
-            for k, i in enumerate(gate):
+        panorama, usable = self.view.panorama_at(r_world_camera), self._far_from_border(peaks, r_world_camera)
+        gates = [dict(enumerate(gate)) for gate in quadrilaterals(peaks, scores, panorama, self.grouping)]
+        complete = len(gates)
+        for gate in gates:
+            for k, i in gate.items():
                 usable[k][i] = False
-        complete = len(found)
-        found += [seen_corners(gate, peaks, self.grouping) for gate in incomplete_gates(scores, usable, self.grouping)]
-        if not found:
+        gates += incomplete_gates(scores, usable, self.grouping)
+        if not gates:
             return [], []
-        points = self.view.to_image(np.stack([points for points, _ in found]), r_world_camera)  # all at once: faster
-        gates = [GateCorners(p, confidence) for p, (_, confidence) in zip(points, found, strict=True)]
-        return gates[:complete], gates[complete:]
+        points, confidence = seen_corners(gates, peaks, self.grouping)
+        found = list(map(GateCorners, self.view.to_image(points, r_world_camera), confidence))
+        return found[:complete], found[complete:]
 
     def _far_from_border(self, peaks, r_world_camera) -> list[np.ndarray]:
         """Return for each class a mask (n,) of the peaks that an incomplete gate may have."""

@@ -47,17 +47,20 @@ def _edges(scores, usable, settings: GroupingSettings):
             yield -float(score[i, j]), k, i, j
 
 
-def seen_corners(gate: dict[int, int], peaks: list[Peaks], settings: GroupingSettings):
-    """Return the corners (4, 2) of a gate in the panorama, px, and their confidence (4,): NaN and 0 where not seen.
+def seen_corners(gates: list[dict[int, int]], peaks: list[Peaks], settings: GroupingSettings):
+    """Return the corners (n, 4, 2) of gates in the panorama, px, and their confidence (n, 4): NaN and 0 where not seen.
 
     The outset of the network is removed as that of a whole gate, whose unseen corners complete a parallelogram or, on a
     single edge, a square.
     """
-    points, confidence = np.full((CORNERS, 2), np.nan), np.zeros(CORNERS)
-    for k, i in gate.items():
-        points[k], confidence[k] = peaks[k].points[i], peaks[k].confidence[i]
-    seen = confidence > 0.0
-    return np.where(seen[:, None], without_outset(_completed(points, seen), settings), np.nan), confidence
+    points, confidence = np.full((len(gates), CORNERS, 2), np.nan), np.zeros((len(gates), CORNERS))
+    for n, gate in enumerate(gates):
+        for k, i in gate.items():
+            points[n, k], confidence[n, k] = peaks[k].points[i], peaks[k].confidence[i]
+    seen, whole = confidence > 0.0, points.copy()
+    for n in np.flatnonzero(~seen.all(axis=1)):
+        whole[n] = _completed(points[n], seen[n])
+    return np.where(seen[..., None], without_outset(whole, settings), np.nan), confidence
 
 
 def _completed(points, seen):

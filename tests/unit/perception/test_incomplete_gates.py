@@ -31,7 +31,7 @@ def found(view, maps, usable=None):
     for gate in quadrilaterals(peaks, scores, view.panorama, SETTINGS):
         for k, i in enumerate(gate):
             masks[k][i] = False
-    return [seen_corners(gate, peaks, SETTINGS) for gate in incomplete_gates(scores, masks, SETTINGS)]
+    return list(zip(*seen_corners(incomplete_gates(scores, masks, SETTINGS), peaks, SETTINGS), strict=True))
 
 
 @pytest.mark.parametrize("not_seen", NOT_SEEN, ids=str)
@@ -92,5 +92,5 @@ def test_the_outset_of_the_network_is_removed_as_from_a_whole_gate(not_seen):
     settings = replace(SETTINGS, corner_outset_px=0.4)
     peaks = [Peaks(SQUARE[k : k + 1], np.ones(1)) for k in range(4)]
     seen = [k for k in range(4) if k not in not_seen]
-    corners, _ = seen_corners(dict.fromkeys(seen, 0), peaks, settings)
+    [corners], _ = seen_corners([dict.fromkeys(seen, 0)], peaks, settings)
     assert np.allclose(corners[seen], without_outset(SQUARE, settings)[seen])
