@@ -59,6 +59,28 @@ def _compiled_tick(flight_layout: Layout, model_layout: Layout, sampled: bool):
     return jax.jit(partial(_fly_tick, flight_layout=flight_layout, model_layout=model_layout, sampled=sampled))
 
 
+@cache
+def _compiled_full_thrust(flight_layout: Layout, model_layout: Layout):
+    """Return `_full_thrust` for all vehicles of these layouts, compiled at the first call."""
+    return jax.jit(partial(_full_thrust, flight_layout=flight_layout, model_layout=model_layout))
+
+
+def _full_thrust(flight, model, voltage, flight_layout: Layout, model_layout: Layout):
+    """Return the thrust (N) of all rotors at full command, at which the pack sags from `voltage` (V)."""
+    state, p = flight_layout.unpack(flight).state, model_layout.unpack(model).parameters
+
+    def full_speed(voltage):
+        return motors.steady_speed(jnp.ones_like(state.rotor_speed), voltage, p.motors)
+
+    def sagged(_, voltage):
+        load_w = battery.power(full_speed(voltage), p.rotors.torque_coefficient, p.battery)
+        memory = state.memory.get(BATTERY)
+        return battery.voltage_and_current(load_w, state.charge, state.rc_voltage, p.battery, memory)[0]
+
+    voltage = jax.lax.fori_loop(0, VOLTAGE_ITERATIONS, sagged, jnp.asarray(voltage))
+    return jnp.sum(p.rotors.thrust_coefficient * full_speed(voltage) ** 2)
+
+
 def _fly_tick(flight, model, command, flight_layout: Layout, model_layout: Layout, sampled: bool):
     """Fly one tick.
 
@@ -156,6 +178,7 @@ class SimulatedVehicle:
         self._layout, model_layout = layout_of(flight), layout_of(model)
         self._packed, self._model = self._layout.pack(flight), jax.tree.map(jnp.asarray, model_layout.pack(model))
         self._fly_tick = _compiled_tick(self._layout, model_layout, self._sensors.distorts_imu)
+        self._full_thrust = _compiled_full_thrust(self._layout, model_layout)
         self._tick_end = self._at_rest()
         settings = configuration.load_section(FirmwareSettings, folder / "simulation.yaml", "flight_controller")
         controller = SitlController if sitl else FlightController
@@ -224,7 +247,8 @@ class SimulatedVehicle:
         return ImuTruth(SUBSTEP_S, *(np.array([row]) for row in rows))
 
     def compile(self) -> None:
-        """Compile the functions of a tick, so that the first tick does not wait for the compiler for seconds."""
+        """Compile the functions of a tick and of the report: the compiler would hold up the flight for a second."""
+        self.thrust_to_weight(self.pack)
         if self.firmware is not None:
             _end_tick(self._flight.state, self.firmware.compile(self._flight.state))
             return
@@ -315,13 +339,6 @@ class SimulatedVehicle:
 
     def thrust_to_weight(self, pack: tuple) -> float:
         """Return the thrust of all rotors at full command over the weight, with a `pack` that sags under that load."""
-        p, state = self._parameters, self._layout.unpack(pack).state
-        full, voltage = jnp.ones(len(self.vehicle.rotors)), jnp.asarray(self.vehicle.battery.reference_voltage)
-        for _ in range(VOLTAGE_ITERATIONS):  # the load lowers the voltage, which lowers the load
-            speed = motors.steady_speed(full, voltage, p.motors)
-            load_w = battery.power(speed, p.rotors.torque_coefficient, p.battery)
-            voltage, _ = battery.voltage_and_current(
-                load_w, state.charge, state.rc_voltage, p.battery, state.memory.get(BATTERY)
-            )
-        thrust = float(jnp.sum(p.rotors.thrust_coefficient * speed * speed))
-        return thrust / (self.vehicle.mass * GRAVITY)
+        return float(self._full_thrust(pack, self._model, self.vehicle.battery.reference_voltage)) / (
+            self.vehicle.mass * GRAVITY
+        )
