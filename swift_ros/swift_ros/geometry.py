@@ -65,7 +65,7 @@ def skew(vector):
     if floats := _floats(vector):
         x, y, z = floats[0]
         return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return vector[..., SKEW_COMPONENTS] * SKEW_SIGNS
+    return vector[..., SKEW_COMPONENTS] * SKEW_SIGNS.astype(vector.dtype)
 
 
 def quaternion_multiply(q_a_b, q_b_c):

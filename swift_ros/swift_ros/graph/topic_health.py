@@ -12,8 +12,8 @@ import numpy as np
 from swift_ros.graph.topic_table import NODES, TOPICS
 
 WINDOW_S = 5.0  # s; rates are means over this time; longer is smoother and reports a loss later
-# A monitor that got no CPU time reads its clock before the messages that wait in its queues. It therefore reports a
-# silence only after this many calls of `count_check` without a message, between which the queues are read.
+# A monitor that got no CPU time may read its clock before the messages that wait in its queues. It therefore reports a
+# silence only after this many calls of `count_check` without a message, before or between which the queues are read.
 MIN_SILENT_CHECKS = 5
 MAX_SAMPLES = 600  # messages kept for each topic: WINDOW_S at 100 Hz, and 1 s more
 MIN_RATE_SHARE = 0.8  # a topic slower than this share of its nominal rate, one message in five missing, gets a warning
@@ -96,7 +96,7 @@ class TopicMonitor:
         return [name for name in self._monitored if TOPICS[name].silence_s and name not in self._received]
 
     def count_check(self) -> None:
-        """Count one periodic check. Call it at a steady rate of about 50 Hz, between the callbacks of messages."""
+        """Count one periodic check. Call it at a steady rate of about 50 Hz, after the messages received before it."""
         self._checks += 1
 
     def silent_topics(self, now_ns: int) -> list[str]:

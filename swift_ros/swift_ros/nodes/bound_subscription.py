@@ -12,7 +12,6 @@ from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import Topic
 from swift_ros.messages.serialization import message_type
 from swift_ros.messages.stamps import message_stamp_ns
-from swift_ros.nodes.polled_subscriptions import polled_subscription
 
 STAMP_TOLERANCE_NS = 1_000_000_000  # ns between stamp and clock; arming and start are announced up to 0.5 s ahead
 REPORT_S = 1.0  # s; shortest period of the report about refused messages
@@ -46,18 +45,6 @@ class Subscriber:
             callback = BoundCallback(callback, PublisherCheck(self, topic))
         kind, profile = message_type(topic.type), qos_profile(topic, self.lockstep)
         return self.node.create_subscription(kind, topic.name, callback, profile, raw=raw)
-
-    def poll(self, topic: Topic, depth: int):
-        """Return a polled subscription to a topic, for CDR bytes, and the check of its messages.
-
-        Args:
-            topic: row of the table with a single publisher.
-            depth: messages that the queue holds in real time; in lockstep none may be lost.
-        """
-        profile = qos_profile(topic, self.lockstep)
-        profile.depth = max(profile.depth, depth)
-        subscription = polled_subscription(self.node, message_type(topic.type), topic.name, profile, raw=True)
-        return subscription, PublisherCheck(self, topic)
 
 
 class PublisherCheck:

@@ -15,7 +15,7 @@ from swift_ros.configuration import setting
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.messages.motion import from_odometry
 from swift_ros.messages.serialization import message_type
-from swift_ros.nodes.polled_subscriptions import detach_clock, polled_subscription, take_all
+from swift_ros.nodes.polled_subscriptions import detach_clock, take_all
 from swift_ros.nodes.shell import Shell, run, without_numbers
 
 SAME_TEXT_S = 5.0  # s; shortest period in which the same text is sent again
@@ -59,7 +59,7 @@ class MavlinkTelemetryNode(Shell):
             reliability=ReliabilityPolicy.RELIABLE if topic.latched else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
         )
-        return polled_subscription(self, message_type(topic.type), name, profile)
+        return self.create_polled_subscription(message_type(topic.type), name, profile)
 
     def _send(self) -> None:
         """Send the newest messages; called periodically."""

@@ -6,6 +6,8 @@ Ten messages taken at once cost a fifth of ten callbacks.
 import time
 from typing import Any, NamedTuple
 
+from rclpy.node import Node
+
 
 class Received(NamedTuple):
     """One message.
@@ -26,19 +28,28 @@ class Received(NamedTuple):
         return self.info["received_timestamp"]
 
 
-def polled_subscription(node, kind, name: str, profile, raw: bool = False):
-    """Return a new subscription of which no executor takes messages.
+class PollingNode(Node):
+    """A node with subscriptions of which no executor takes messages."""
 
-    Args:
-        node: that subscribes.
-        kind: class of the messages.
-        name: of the topic.
-        profile: quality of service; its depth must last from one call of `take_all` to the next.
-        raw: take CDR bytes instead of messages.
-    """
-    subscription = node.create_subscription(kind, name, _unused_callback, profile, raw=raw)
-    node._subscriptions.remove(subscription)  # an executor finds there what it has to serve
-    return subscription
+    _without_executor: tuple = ()
+
+    def create_polled_subscription(self, kind, name: str, profile, raw: bool = False):
+        """Return a new polled subscription, for `take_all`.
+
+        Args:
+            kind: class of the messages.
+            name: of the topic.
+            profile: quality of service; its depth must last from one call of `take_all` to the next.
+            raw: take CDR bytes instead of messages.
+        """
+        subscription = self.create_subscription(kind, name, _unused_callback, profile, raw=raw)
+        self._without_executor += (subscription,)
+        return subscription
+
+    @property
+    def subscriptions(self):
+        """The subscriptions that an executor serves."""
+        return (subscription for subscription in super().subscriptions if subscription not in self._without_executor)
 
 
 def take_all(subscription) -> list[tuple]:

@@ -31,7 +31,6 @@ LINK = "betaflight"  # node whose errors are the reasons of an end by the flight
 REASON_LINKS = 5  # link messages with the failsafe for which its reason may arrive later, on another topic
 OWN = tuple(topic.name for topic in TOPICS.values() if not topic.shared)  # topics with one publisher
 CHECK_S = 0.02  # s; period of the check for silent topics, and in real time of the taking of messages
-POLLED_DEPTH = 50  # messages; the race monitor may be late by half a second and misses no touch of a gate
 REPORT_S = 1.0  # s; period of the report on /diagnostics
 MIN_MONITORED_HZ = 10  # Hz, lowest nominal rate of a monitored topic; in the table only /diagnostics is slower
 
@@ -98,11 +97,12 @@ class RaceMonitorNode(Shell):
         if self.lockstep:
             self.subscribe(topic.name, on_data_in_lockstep, raw=True)
         else:
-            subscription, check = self._subscriber.poll(topic, POLLED_DEPTH)
+            subscription, check = self.polled(topic.name)
             self._polled.add(topic.name, subscription)
             self._on_polled[topic.name] = check, on_data
 
     def _take_polled(self) -> None:
+        """In real time, process all messages that have been received."""
         for each in self._polled.take():
             check, on_data = self._on_polled[each.key]
             if check.accepts(each.message, each.info):
@@ -158,6 +158,7 @@ class RaceMonitorNode(Shell):
 
     def _call(self, name: str, response):
         """Run one of the race services."""
+        self._take_polled()  # what came before the call comes first
         try:
             if name == "arm":
                 self.control.obstacles = self._missing_topics() + self._contested_topics()
@@ -183,6 +184,7 @@ class RaceMonitorNode(Shell):
         ]
 
     def _diagnostic(self, message) -> None:
+        self._take_polled()
         for status in message.status:
             if status.level != DiagnosticStatus.ERROR:
                 continue

@@ -19,7 +19,7 @@ from swift_ros.errors import UsageError
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.messages.serialization import message_type
-from swift_ros.nodes.polled_subscriptions import PolledSubscriptions, detach_clock, polled_subscription
+from swift_ros.nodes.polled_subscriptions import PolledSubscriptions, detach_clock
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.recording.writer import ReceivedMessage, RecordingWriter, offered_qos
 
@@ -89,7 +89,7 @@ class RecorderNode(Shell):
             # the bag holds earlier messages; in lockstep a thousand of each topic would come again and delay the others
             durability = DurabilityPolicy.VOLATILE
         profile = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=durability)
-        subscription = polled_subscription(self, message_type(type_name), name, profile, raw=True)
+        subscription = self.create_polled_subscription(message_type(type_name), name, profile, raw=True)
         self._recording.declare(subscription.topic_name, type_name, offered_qos(offered))
         self._polled.add(subscription.topic_name, subscription)
 

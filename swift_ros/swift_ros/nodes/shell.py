@@ -11,24 +11,24 @@ from collections.abc import Callable
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import confine
-from swift_ros.graph.qos import publisher_profile
+from swift_ros.graph.qos import DEEP, DEPTH, publisher_profile, qos_profile
 from swift_ros.graph.topic_table import NODES, TOPICS
 from swift_ros.messages.serialization import message_type
 from swift_ros.nodes import parameters
-from swift_ros.nodes.bound_subscription import Subscriber
+from swift_ros.nodes.bound_subscription import PublisherCheck, Subscriber
 from swift_ros.nodes.latched_publisher import LatchedPublisher
-from swift_ros.nodes.polled_subscriptions import take_all
+from swift_ros.nodes.polled_subscriptions import PollingNode, take_all
 
 SHUTDOWN_POLL_S = 0.2  # s; longest time until a requested shutdown is noticed
-POLLED_DEPTH = 50  # messages of a polled topic that wait in real time: half a second of the IMU
+LONGEST_SPIN_S = 60.0  # s
 LOG_INTERVAL_S = 1.0  # s; a sentence is logged at most once in this time
 LEVELS = {"ok": DiagnosticStatus.OK, "warn": DiagnosticStatus.WARN, "error": DiagnosticStatus.ERROR}
 
@@ -38,7 +38,7 @@ def without_numbers(text: str) -> str:
     return re.sub(r"[-+.\d]+", "#", text)
 
 
-class Shell(Node):
+class Shell(PollingNode):
     """A node with settings, and with publishers and subscriptions by their topic's name in the graph's table.
 
     Attributes:
@@ -78,13 +78,24 @@ class Shell(Node):
         """
         return self._subscriber.subscribe(TOPICS[topic_name], callback, raw)
 
+    def polled(self, topic_name: str):
+        """Return a polled subscription to a topic of one publisher, for CDR bytes, and the check of its messages.
+
+        Its queue lasts for seconds, but for images: in real time the node may be late, and then needs all messages.
+        """
+        topic = TOPICS[topic_name]
+        profile = qos_profile(topic, self.lockstep)
+        profile.depth = max(profile.depth, DEPTH if topic.image else DEEP)
+        subscription = self.create_polled_subscription(message_type(topic.type), topic_name, profile, raw=True)
+        return subscription, PublisherCheck(self._subscriber, topic)
+
     def poll(self, topic_name: str) -> Callable[[], list[bytes]]:
-        """Subscribe to a topic of the table without being woken by its messages.
+        """Subscribe to a topic of one publisher without being woken by its messages.
 
         Returns:
             function that returns the CDR bytes of all messages received since its last call, oldest first.
         """
-        subscription, check = self._subscriber.poll(TOPICS[topic_name], POLLED_DEPTH)
+        subscription, check = self.polled(topic_name)
         return lambda: [data for data, info in take_all(subscription) if check.accepts(data, info)]
 
     def now_ns(self) -> int:
@@ -146,20 +157,28 @@ def stop_requests() -> list[int]:
 def spin(node, requests: list[int], is_over: Callable[[], bool] = lambda: False) -> None:
     """Run a node's callbacks until a signal is received, `is_over` returns True, or ROS is shut down.
 
-    The executor serves all callbacks of a period in one call: a call visits all timers and services of the node, which
-    for each message would take as long as the message. The EventsExecutor costs a third of the default executor's
-    0.3 ms for each message.
+    One call of the executor serves all callbacks: a call visits all timers and services of the node, which for each
+    message would take as long as the message. The EventsExecutor costs a third of the default executor's 0.3 ms for
+    each message.
 
     Args:
         node: the node.
         requests: the received signals, see `stop_requests`.
         is_over: condition that ends the loop, read every SHUTDOWN_POLL_S.
     """
-    executor, never = EventsExecutor(), Future()
+    executor, ended = EventsExecutor(), Future()
+
+    def look() -> None:
+        if (requests or is_over() or not rclpy.ok()) and not ended.done():
+            ended.set_result(None)
+
+    # A timer has its turn among the messages also while they come faster than they are processed.
+    timer = node.create_timer(SHUTDOWN_POLL_S, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
     executor.add_node(node)
     with contextlib.suppress(ExternalShutdownException):
-        while not requests and not is_over() and rclpy.ok():
-            executor.spin_until_future_complete(never, timeout_sec=SHUTDOWN_POLL_S)
+        while not ended.done():  # without a limit of time, rclpy 7.1 neither serves timers nor waits
+            executor.spin_until_future_complete(ended, timeout_sec=LONGEST_SPIN_S)
+    node.destroy_timer(timer)
 
 
 def set_thread_priorities(node) -> None:

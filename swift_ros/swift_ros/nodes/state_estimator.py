@@ -33,14 +33,18 @@ class StateEstimatorNode(Shell):
     def _on_image(self, message):
         self._estimator.image(from_time(message.header.stamp))
 
+    def _take_imu(self):
+        for data in self._new_imu():
+            self._estimator.imu(imu_from_bytes(data))
+
     def _on_odometry(self, data: bytes):
-        for sample in self._new_imu():
-            self._estimator.imu(imu_from_bytes(sample))
+        self._take_imu()
         self._send(self._estimator.odometry(odometry_from_bytes(data)))
 
     def _on_gates(self, message):
         stamp_ns = from_time(message.header.stamp)
         incomplete = incomplete_from_gate_poses(message)
+        self._take_imu()
         self._send(self._estimator.gates(stamp_ns, from_gate_poses(message), incomplete))
 
     def _send(self, output: EstimatorOutput):

@@ -136,7 +136,7 @@ class Judge:
         duration = 1e-9 * (pose.stamp_ns - previous.stamp_ns)
         if duration > JUMP_S or np.linalg.norm(pose.p_world - previous.p_world) > JUMP_M_S * duration:
             return []
-        if self._is_uneventful(previous, pose):
+        if self._is_uneventful(previous, pose, duration):
             self._margin = math.inf
             return self._overdue(pose.stamp_ns)
         events = []
@@ -177,10 +177,12 @@ class Judge:
             return []
         return [self._end(stamp_ns, MISSED, f"flew past gate {self.next_gate + 1} beside its opening")]
 
-    def _is_uneventful(self, previous: Odometry, pose: Odometry) -> bool:
+    def _is_uneventful(self, previous: Odometry, pose: Odometry, duration: float) -> bool:
         """Return whether no gate, bound or plane was near between two poses, so that their steps need no test."""
         track, p = self.track, pose.p_world
-        reach = self._reach + 2 * float(np.linalg.norm(p - previous.p_world))
+        # The cubic between two poses leaves their chord by at most so much for each of its velocities.
+        bulge = 4 / 27 * duration * (math.hypot(*previous.v_body) + math.hypot(*pose.v_body))
+        reach = self._reach + math.dist(p, previous.p_world) + bulge
         near = self._gates_within(p, reach).size > 0 or bool(rules.above_podium(np.asarray(track.start), p, reach))
         apart = np.min(p - track.bounds_min) > reach and np.min(track.bounds_max - p) > reach
         crossed, _, _ = self._next_plane(previous.p_world, p)

@@ -67,6 +67,19 @@ def test_a_clean_race_has_every_passage_with_time_split_and_margin():
     assert events[1].split_s + events[2].split_s == pytest.approx(length / 10, rel=1e-3)
 
 
+@pytest.mark.parametrize("gap_s", [0.01, 0.1, 0.2, 0.4])
+def test_a_vehicle_that_turns_round_between_two_poses_has_touched_what_lies_in_between(gap_s):
+    """It decelerates with 40 m/s^2 towards the frame and comes back; poses in between were lost."""
+    nearest = np.array([-0.15, 0.9, 2.0])  # 0.1 m in front of the frame of gate 1, whose hull has a radius of 0.18 m
+    start, speed = nearest - [0.5 * 40 * (0.5 * gap_s) ** 2, 0.0, 0.0], 40 * 0.5 * gap_s
+    race_judge = Judge(two_gates(), hull_radius=0.18, hull_height=0.1, contact=True)
+    race_judge.start(0)
+    there = Odometry(0, start, LEVEL, np.array([speed, 0.0, 0.0]), np.zeros(3))
+    back = Odometry(round(1e9 * gap_s), start, LEVEL, np.array([-speed, 0.0, 0.0]), np.zeros(3))
+    assert race_judge.update(there) == []
+    assert [event.text for event in race_judge.update(back)] == ["touched gate 1"]
+
+
 @pytest.mark.parametrize(("above_m", "text"), [(0.02, "gate 1, lap 1 done"), (-0.02, "touched the podium")])
 def test_in_flight_the_podium_is_an_obstacle_and_at_the_start_it_is_not(above_m, text):
     """The podium's top is at 1.95 m: the start leaves it, and the lap leads over it or into it."""
