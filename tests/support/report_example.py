@@ -72,7 +72,7 @@ REPORT = {
             "recording": "later flight.csv",
             "one_step_rmse": FORCES,
             "one_step_rmse_by_axis": dict.fromkeys("xyz", FORCES),
-            "one_step_deviation_by_axis": dict.fromkeys("xyz", FORCES),
+            "one_step_rmse_with_level_by_axis": dict.fromkeys("xyz", FORCES),
             "one_step_rmse_by_channel": {"voltage": {"before": 0.29, "after": 0.03}},
         }
     ],

@@ -123,8 +123,8 @@ def _errors(held_out: dict, channels: dict) -> list[tuple[str, ...]]:
         for axis, one in held_out.get("one_step_rmse_by_axis", {}).items()
     ]
     rows += [
-        (f"specific force {axis}, without its mean", one, "m/s^2")
-        for axis, one in held_out.get("one_step_deviation_by_axis", {}).items()
+        (f"specific force {axis}, each with its running level", one, "m/s^2")
+        for axis, one in held_out.get("one_step_rmse_with_level_by_axis", {}).items()
     ]
     rows += [
         (f"specific force, {speeds[third]}", one, "m/s^2")

@@ -45,9 +45,9 @@ def unseen_flights(entries: list[dict]) -> list[str]:
     """Return a table of the errors of the specific force on each unseen flight, by axis and model; empty without."""
     rows = [("specific force, m/s^2", "axis", *MODEL_NAMES.values())]
     for one in (one for one in entries if "one_step_rmse" in one):
-        deviations = one["one_step_deviation_by_axis"]
+        leveled = one["one_step_rmse_with_level_by_axis"]
         for axis, errors in one["one_step_rmse_by_axis"].items():
-            cells = (f"{errors[model]:.3f} ({deviations[axis][model]:.3f})" for model in MODEL_NAMES)
+            cells = (f"{errors[model]:.3f} ({leveled[axis][model]:.3f})" for model in MODEL_NAMES)
             rows.append((one["recording"], axis, *cells))
-    title = "On flights that no fit has used (in brackets without the mean error of the flight):"
+    title = "On flights that no fit has used (in brackets each with its running level):"
     return [title, align(rows)] if len(rows) > 1 else []

@@ -29,7 +29,6 @@ class BlackBox(NamedTuple):
         lengths: (3,) length scale of a Gaussian process on each axis, in units of the scaled inputs.
         targets: (v, 3) values or coefficients of the samples, see `residual_models`.
         nearest: 1 for nearest neighbours, 0 for a Gaussian process.
-        level: (3,) added for all inputs, m/s^2.
     """
 
     inputs: np.ndarray
@@ -37,7 +36,6 @@ class BlackBox(NamedTuple):
     lengths: np.ndarray
     targets: np.ndarray
     nearest: float
-    level: np.ndarray
 
 
 class Start(NamedTuple):
@@ -70,12 +68,12 @@ def black_box_force(box: BlackBox, inputs):
     squared = jnp.sum(difference * difference, axis=-1)
     nearest = nearest_neighbors.weights(squared)[..., None]
     weights = jnp.where(box.nearest > 0, nearest, gaussian_process.weights(squared, box.lengths))
-    return box.level + jnp.sum(weights * box.targets, axis=1)
+    return jnp.sum(weights * box.targets, axis=1)
 
 
-def _level(box: BlackBox, inputs):
+def _no_force(_, inputs):
     """Return the specific force (m, 3) m/s^2 of a black box without targets; the kernel would take most of the time."""
-    return jnp.broadcast_to(box.level, (len(inputs), 3))
+    return jnp.zeros((len(inputs), 3))
 
 
 class Trajectories(NamedTuple):
@@ -173,7 +171,7 @@ def _simulated_by_one(parameters, start: Start, box: BlackBox, dt):
         v_body = geometry.rotate_inverse(q, v_world)
         collective = jnp.sum(parameters.rotors.thrust_coefficient * speed * speed, axis=-1, keepdims=True)
         inputs = jnp.concatenate([v_body, omega, collective / parameters.mass], axis=-1)
-        force = force + jax.lax.cond(jnp.any(box.targets), black_box_force, _level, box, inputs)
+        force = force + jax.lax.cond(jnp.any(box.targets), black_box_force, _no_force, box, inputs)
         gravity = jnp.array([0.0, 0.0, 1.0]) * parameters.gravity
         return geometry.rotate(q, force) - gravity, turn
 

@@ -2,7 +2,8 @@
 
 A remainder joins the repair on an axis only if it predicts parts of the training data that it has not learned from:
 blocks of the flight, or, of several flights, whole ones. Elsewhere it is zero. The mean error of a flight is a nuisance
-of that flight: bias, trim, load and pack are others in the next. A remainder of several flights is learned without it.
+of that flight: bias, trim, load and pack are others in the next. A remainder of several flights is learned without it,
+and the repair with its remainder takes it from the past of the flight that it predicts, see `running_level`.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +16,8 @@ from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.residuals.channels import AXES
 from swift_sim_bridge.gap.residuals.rollout import BlackBox, black_box_force, black_box_inputs
-from swift_sim_bridge.gap.validation.parts import Part
+from swift_sim_bridge.gap.validation.parts import Part, whole
+from swift_sim_bridge.gap.validation.running_level import running_level
 from swift_sim_bridge.parallel import run_in_threads
 from swift_sim_bridge.residual_models import gaussian_process, nearest_neighbors
 from swift_sim_bridge.residual_models.gaussian_process import GaussianProcess
@@ -23,8 +25,8 @@ from swift_sim_bridge.residual_models.nearest_neighbors import NearestNeighbors
 
 # Nominal, repaired, repaired with the remainder, nominal with nearest neighbours, nominal with a Gaussian process.
 MODELS = ("before", "after", "with_remainder", "knn", "gp")
+WITH_REMAINDER = MODELS.index("with_remainder")
 NONE = "none"  # kind of a remainder that does not join the repair
-LEVEL = "level"  # kind of a remainder that is the mean error of the flight
 BLOCKS = 5  # of a single flight; each is predicted by a remainder that the others give
 MIN_GAIN = 0.02  # mean over the blocks of log(RMS error without / with) from which a remainder joins
 GAIN_ERRORS = 2.0  # standard errors of that mean by which it must exceed zero
@@ -49,7 +51,7 @@ class Compared:
     Attributes:
         vehicles: vehicle of each.
         boxes: black box of each, zero for those without; empty where forces are not compared.
-        remainder: by axis the kind of the remainder: of the black box, LEVEL, or NONE where the repair has none.
+        remainder: by axis the kind of the remainder's black box, or NONE where the repair has none.
     """
 
     vehicles: tuple[Vehicle, ...]
@@ -74,10 +76,7 @@ def compared(learned: list[Part], before: Vehicle, after: Vehicle, same_flights:
     vehicles = (before, after, after, before, before)
     if not have_forces(learned):
         return Compared(vehicles, ())
-    nominal, repaired = (
-        [Samples(_inputs(part, vehicle), force_residuals(part, vehicle)) for part in learned]
-        for vehicle in (before, after)
-    )
+    nominal, repaired = ([_samples(part, vehicle) for part in learned] for vehicle in (before, after))
     process, (remainder, kinds) = run_in_threads(
         partial(gaussian_process.fit, _blocks(nominal)), partial(fit_remainder, repaired, same_flights)
     )
@@ -86,17 +85,35 @@ def compared(learned: list[Part], before: Vehicle, after: Vehicle, same_flights:
     return Compared(vehicles, (none, none, remainder, knn, gp), kinds)
 
 
-def force_errors(part: Part, models: Compared) -> np.ndarray:
-    """Return the errors (5, k, 3) m/s^2 of MODELS in the specific forces of a part of a recording."""
+class ForceErrors(NamedTuple):
+    """Errors of MODELS in the specific forces of a part of a recording.
+
+    Attributes:
+        alone: (5, k, 3) m/s^2; the repair with its remainder has the running level, the others have none.
+        leveled: (5, k, 3) m/s^2, of each with its running level.
+    """
+
+    alone: np.ndarray
+    leveled: np.ndarray
+
+
+def force_errors(part: Part, models: Compared) -> ForceErrors:
+    """Return the errors of MODELS; what a recording has before the part is the past from which levels come."""
     before, after, *_ = models.vehicles
-    nominal, repaired = (Samples(_inputs(part, one), force_residuals(part, one)) for one in (before, after))
+    recording = whole(part.residual_model)
+    nominal, repaired = (_samples(recording, one) for one in (before, after))
     left = (nominal, repaired, repaired, nominal, nominal)
-    return np.stack(
+    errors = np.stack(
         [
             one.targets - np.asarray(black_box_force(box, one.inputs))
             for one, box in zip(left, models.boxes, strict=True)
         ]
     )
+    t = recording.residual_model.t[recording.rows]
+    leveled = np.stack([one - running_level(t, one) for one in errors])[:, part.rows[recording.rows]]
+    alone = errors[:, part.rows[recording.rows]]
+    alone[WITH_REMAINDER] = leveled[WITH_REMAINDER]
+    return ForceErrors(alone, leveled)
 
 
 def fit_remainder(flights: list[Samples], same_flights: bool) -> tuple[BlackBox, dict[str, str]]:
@@ -104,13 +121,11 @@ def fit_remainder(flights: list[Samples], same_flights: bool) -> tuple[BlackBox,
 
     Args:
         flights: samples of each flight in the order of time, with residuals of the repaired vehicle as targets.
-        same_flights: whether later parts of these flights are to be predicted. Only there their mean error holds; and
-            each block is predicted from those before it.
+        same_flights: whether later parts of these flights are to be predicted: there each block is predicted from those
+            before it.
     """
-    level = _level(_blocks(flights)) if same_flights else np.zeros(len(AXES))
-    pooled = len(flights) > 1 and not same_flights  # a single flight cannot show which part of its mean is its own
-    nuisance = [one.targets.mean(axis=0) if pooled else level for one in flights]
-    varying = [one._replace(targets=one.targets - mean) for one, mean in zip(flights, nuisance, strict=True)]
+    shared = len(flights) > 1  # a single flight cannot show which part of its mean is its own
+    varying = [one._replace(targets=one.targets - shared * one.targets.mean(axis=0)) for one in flights]
     splits = gaussian_process.splits(_blocks(varying), same_flights)
     process = gaussian_process.fit(_blocks(varying), same_flights)
     boxes = {"gp": _gp_box(process), "knn": _knn_box(joined(varying))}
@@ -119,21 +134,8 @@ def fit_remainder(flights: list[Samples], same_flights: bool) -> tuple[BlackBox,
     gains = {"gp": _gain(without, process.log_squares), "knn": _gain(without, of_neighbors)}
     best = max(gains, key=lambda kind: gains[kind].sum())
     joins = gains[best] > 0.0
-    kinds = {
-        axis: best if taken else LEVEL if constant else NONE
-        for axis, taken, constant in zip(AXES, joins, level, strict=True)
-    }
-    return boxes[best]._replace(targets=boxes[best].targets * joins, level=level), kinds
-
-
-def _level(blocks: list[Samples]) -> np.ndarray:
-    """Return the mean target (3,), zero on axes where the mean of the blocks before one does not help in it."""
-    pairs = [
-        (one.targets, joined(others).targets.mean(axis=0)) for one, others in gaussian_process.splits(blocks, True)
-    ]
-    without = np.array([gaussian_process.log_mean_square(targets) for targets, _ in pairs])
-    left = np.array([gaussian_process.log_mean_square(targets - mean) for targets, mean in pairs])
-    return joined(blocks).targets.mean(axis=0) * (_gain(without, left) > 0.0)
+    kinds = {axis: best if taken else NONE for axis, taken in zip(AXES, joins, strict=True)}
+    return boxes[best]._replace(targets=boxes[best].targets * joins), kinds
 
 
 def _gain(without, log_squares) -> np.ndarray:
@@ -171,7 +173,7 @@ def _blocks(flights: list[Samples]) -> list[Samples]:
 
 
 def _gp_box(process: GaussianProcess) -> BlackBox:
-    return BlackBox(process.inputs, process.scale, process.lengths, process.coefficients, 0.0, np.zeros(len(AXES)))
+    return BlackBox(process.inputs, process.scale, process.lengths, process.coefficients, 0.0)
 
 
 def _neighbors(samples: Samples, most: int = gaussian_process.MAX_SAMPLES) -> NearestNeighbors:
@@ -183,17 +185,13 @@ def _neighbors(samples: Samples, most: int = gaussian_process.MAX_SAMPLES) -> Ne
 def _knn_box(samples: Samples) -> BlackBox:
     neighbors = _neighbors(samples)
     lengths = np.ones(len(AXES))  # nearest neighbours have none
-    return BlackBox(neighbors.inputs, neighbors.scale, lengths, neighbors.targets, 1.0, np.zeros(len(AXES)))
+    return BlackBox(neighbors.inputs, neighbors.scale, lengths, neighbors.targets, 1.0)
 
 
-def _inputs(part: Part, vehicle: Vehicle) -> np.ndarray:
-    """Return the inputs (k, 7) of a vehicle's black box at each residual of a part, see `rollout.black_box_inputs`."""
+def _samples(part: Part, vehicle: Vehicle) -> Samples:
+    """Return inputs of a vehicle's black box and residual specific force at each residual of a part."""
     recording, rows = part.residual_model.recording, part.residual_model.filter.rows[part.rows]
     measured = recording.q_world_body, recording.v_world, recording.gyro_body
     q, v, gyro, speed = (values[rows] for values in (*measured, part.residual_model.rotor_speed(vehicle)))
-    return black_box_inputs(geometry.rotate_inverse(q, v), gyro, speed, vehicle)
-
-
-def force_residuals(part: Part, vehicle: Vehicle) -> np.ndarray:
-    """Return the residuals (k, 3) m/s^2 of the specific force."""
-    return part.errors(vehicle)[:, part.residual_model.columns["force"]]
+    inputs = black_box_inputs(geometry.rotate_inverse(q, v), gyro, speed, vehicle)
+    return Samples(inputs, part.errors(vehicle)[:, part.residual_model.columns["force"]])

@@ -54,7 +54,6 @@ def _by_channel(parts: list[Part], before: Vehicle, after: Vehicle) -> dict:
 def _of_forces(parts: list[Part], models: Compared) -> tuple[dict, tuple[Trajectories, ...]]:
     """Return the errors of MODELS in specific forces and in positions after a rollout, and the rollouts.
 
-    Deviations are without the mean of each part: bias and thrust of another flight are not known beforehand.
     Rollouts need all of FORCE_CHANNELS and single rotor speeds: otherwise the moment or the first state is unknown.
 
     Args:
@@ -62,14 +61,13 @@ def _of_forces(parts: list[Part], models: Compared) -> tuple[dict, tuple[Traject
         models: what is compared.
     """
     of_parts = [force_errors(part, models) for part in parts]
-    errors = np.concatenate(of_parts, axis=1)
-    varying = np.concatenate([one - one.mean(axis=1, keepdims=True) for one in of_parts], axis=1)
+    errors, leveled = (np.concatenate(some, axis=1) for some in zip(*of_parts, strict=True))
     speed = np.concatenate([part.speed for part in parts])
     edges = np.quantile(speed, (1 / 3, 2 / 3))
     entry = {
         "one_step_rmse": _by_model(errors),
         "one_step_rmse_by_axis": {axis: _by_model(errors[:, :, i]) for i, axis in enumerate(AXES)},
-        "one_step_deviation_by_axis": {axis: _by_model(varying[:, :, i]) for i, axis in enumerate(AXES)},
+        "one_step_rmse_with_level_by_axis": {axis: _by_model(leveled[:, :, i]) for i, axis in enumerate(AXES)},
         "one_step_rmse_by_speed": {name: _by_model(errors[:, rows]) for name, rows in _thirds(speed, edges)},
         "thirds_of_speed_m_s": {"slow_below": float(edges[0]), "fast_above": float(edges[1])},
     }

@@ -20,6 +20,7 @@ from swift_sim_bridge.gap.residuals.rollout import black_box_force
 from swift_sim_bridge.gap.validation import holdout
 from swift_sim_bridge.gap.validation.black_boxes import MODELS, Samples, compared, fit_remainder
 from swift_sim_bridge.gap.validation.parts import whole
+from swift_sim_bridge.gap.validation.running_level import running_level
 
 DRAG = 6e-5  # N/(rad/s m/s), of a rotor
 NOISE = 0.1  # m/s^2
@@ -99,20 +100,20 @@ def test_the_bias_of_the_learned_flights_is_not_carried_over_to_another_flight()
     box, kinds = fit_remainder(learned, same_flights=False)
     added = np.asarray(black_box_force(box, other.inputs))
     assert kinds["x"] != "none" and kinds["y"] == kinds["z"] == "none"
-    assert not added[:, 1:].any() and not box.level.any()
+    assert not added[:, 1:].any()
     left = other.targets[:, 0] - added[:, 0]
     assert abs(left.mean() - BIASES[-1]) < 0.1  # its own bias is left, as it was
     assert np.std(left) < 0.5 * np.std(other.targets[:, 0])  # and the force is not
 
 
-def test_the_bias_of_a_flight_is_predicted_in_its_later_part():
+def test_the_bias_of_a_flight_is_left_to_its_running_level():
     inputs, targets = biased_flights()[0]
-    first, later = slice(0, 700), slice(700, None)
-    box, kinds = fit_remainder([Samples(inputs[first], targets[first])], same_flights=True)
-    assert kinds == {"x": "gp", "y": "level", "z": "none"}
-    added = np.asarray(black_box_force(box, inputs[later]))
-    assert added[:, 1] == pytest.approx(BIASES[0], abs=3.0 * NOISE / np.sqrt(700))
-    assert np.std((targets[later] - added)[:, 0]) < 0.5 * np.std(targets[later, 0])
+    box, kinds = fit_remainder([Samples(inputs[:700], targets[:700])], same_flights=True)
+    assert kinds["x"] == "gp" and kinds["z"] == "none"
+    left = targets - np.asarray(black_box_force(box, inputs))
+    left = (left - running_level(0.02 * np.arange(len(left)), left))[700:]
+    assert np.abs(left.mean(axis=0)).max() < 0.02
+    assert np.std(left[:, 0]) < 0.5 * np.std(targets[700:, 0])
 
 
 @cache
@@ -164,7 +165,8 @@ def test_repair_and_remainder_together_predict_the_unseen_part_better_than_repai
     assert rollout["with_remainder"] < 0.7 * min(rollout["after"], rollout["knn"], rollout["gp"])
     for axis in "yz":
         errors = found.entry["one_step_rmse_by_axis"][axis]
-        assert errors["with_remainder"] == errors["after"] < min(errors["knn"], errors["gp"])
+        assert errors["with_remainder"] == pytest.approx(errors["after"], rel=0.02)
+        assert max(errors["with_remainder"], errors["after"]) < min(errors["knn"], errors["gp"])
     assert found.trajectories[0].flown.shape[0] == len(MODELS)
 
 
@@ -178,5 +180,7 @@ def test_a_whole_flight_that_nothing_has_learned_from_is_predicted_by_axis(capsy
     for axis, errors in entry["one_step_rmse_by_axis"].items():
         assert errors["with_remainder"] < 1.02 * min(errors["after"], errors["knn"], errors["gp"]), axis
     assert entry["one_step_rmse_by_axis"]["x"]["with_remainder"] < 0.4 * entry["one_step_rmse_by_axis"]["x"]["after"]
-    assert entry["one_step_deviation_by_axis"]["x"]["gp"] <= entry["one_step_rmse_by_axis"]["x"]["gp"]
+    leveled = entry["one_step_rmse_with_level_by_axis"]
+    assert leveled["x"]["with_remainder"] == entry["one_step_rmse_by_axis"]["x"]["with_remainder"]
+    assert leveled["x"]["gp"] != entry["one_step_rmse_by_axis"]["x"]["gp"]
     assert entry["one_step_rmse_by_channel"]["gyro_x"]["before"] > 0.0
