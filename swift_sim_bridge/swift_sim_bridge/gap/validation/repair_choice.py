@@ -17,6 +17,7 @@ from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.validation.repair_trials import SIMILAR, Judge, Trial, kinds_without_name
 
+MIN_ERRORS = 2.0  # standard errors of a summand's coefficient below which it leaves the repair
 CLEARLY_BETTER = 0.5  # of `error_beyond`: by which names beside something unexplained must predict fast flight better
 
 
@@ -83,7 +84,8 @@ def _on_whole_flights(
 ) -> Repair:
     """Return the repair of a trial with the values of the whole flights.
 
-    Others join in the place of summands whose coefficient differs from one half of the flights to the other.
+    Others join in the place of summands whose coefficient differs from one half of the flights to the other, or is no
+    other than zero beside the rest of the repair.
     """
     kept = [one for one in names if one.effect in trial.names]
     left_out = tuple(one for one in names if one.effect not in trial.names)
@@ -94,7 +96,8 @@ def _on_whole_flights(
         return Repair(fixed, left_out)
     values, covariance = gauss_newton_fit(judge.evidence, judge.vehicle, effects, trial.values)
     whole = replace(trial, values=values)
-    if unstable := judge.disagreeing(whole, 1.0) if trial.equation else set():
+    unstable = judge.disagreeing(whole, 1.0) or _weakest(whole, covariance) if trial.equation else set()
+    if unstable:
         stable, refused = trial, refused | unstable
         for item in unstable:
             stable = judge.without(stable, item)
@@ -109,6 +112,17 @@ def _on_whole_flights(
     summands = (SelectedEffect(one, values[one.key], covariance[one.key], 0.0) for one in whole.equation)
     shares = {one.name: one.removed_share for one in trial.found}
     return Repair((*refitted, *fixed), left_out, tuple(summands), shares)
+
+
+def _weakest(trial: Trial, covariance) -> set[str]:
+    """Return the new summand whose coefficient is the fewest standard errors, if these are less than MIN_ERRORS."""
+    new, weakest = {one.name for one in trial.found}, {}
+    for effect in trial.equation:
+        errors = np.sqrt(np.diag(covariance[effect.key]))
+        for parameter, value, error in zip(effect.parameters, trial.values[effect.key], errors, strict=True):
+            if parameter.name in new and abs(value) < MIN_ERRORS * error:
+                weakest[parameter.name] = abs(value) / error
+    return {min(weakest, key=weakest.__getitem__)} if weakest else set()
 
 
 def reported(found: SearchResult, chosen: Repair) -> SearchResult:
