@@ -84,8 +84,8 @@ def _on_whole_flights(
 ) -> Repair:
     """Return the repair of a trial with the values of the whole flights.
 
-    Others join in the place of summands whose coefficient differs from one half of the flights to the other, or is no
-    other than zero beside the rest of the repair.
+    Others join in the place of summands whose coefficient differs from one half of the flights to the other. None joins
+    in the place of one that is zero within its error beside the rest of the repair.
     """
     kept = [one for one in names if one.effect in trial.names]
     left_out = tuple(one for one in names if one.effect not in trial.names)
@@ -96,12 +96,13 @@ def _on_whole_flights(
         return Repair(fixed, left_out)
     values, covariance = gauss_newton_fit(judge.evidence, judge.vehicle, effects, trial.values)
     whole = replace(trial, values=values)
-    unstable = judge.disagreeing(whole, 1.0) or _weakest(whole, covariance) if trial.equation else set()
-    if unstable:
+    if unstable := judge.disagreeing(whole, 1.0) if trial.equation else set():
         stable, refused = trial, refused | unstable
         for item in unstable:
             stable = judge.without(stable, item)
         return _on_whole_flights(judge, judge.with_more_summands(stable, refused), names, fixed, refused)
+    if weakest := _weakest(whole, covariance):
+        return _on_whole_flights(judge, judge.without(trial, weakest), names, fixed, refused | {weakest})
     idle = [one for one in kept if np.array_equal(values[one.effect.key], file_values(one.effect, judge.vehicle))]
     if idle:
         # At a bound, beside what else is in the repair: nothing of it is left to repair.
@@ -114,15 +115,16 @@ def _on_whole_flights(
     return Repair((*refitted, *fixed), left_out, tuple(summands), shares)
 
 
-def _weakest(trial: Trial, covariance) -> set[str]:
+def _weakest(trial: Trial, covariance) -> str | None:
     """Return the new summand whose coefficient is the fewest standard errors, if these are less than MIN_ERRORS."""
-    new, weakest = {one.name for one in trial.found}, {}
+    new, sizes = {one.name for one in trial.found}, {}
     for effect in trial.equation:
         errors = np.sqrt(np.diag(covariance[effect.key]))
-        for parameter, value, error in zip(effect.parameters, trial.values[effect.key], errors, strict=True):
-            if parameter.name in new and abs(value) < MIN_ERRORS * error:
-                weakest[parameter.name] = abs(value) / error
-    return {min(weakest, key=weakest.__getitem__)} if weakest else set()
+        sizes |= dict(
+            zip((one.name for one in effect.parameters), np.abs(trial.values[effect.key]) / errors, strict=True)
+        )
+    weak = {name: size for name, size in sizes.items() if name in new and size < MIN_ERRORS}
+    return min(weak, key=weak.__getitem__, default=None)
 
 
 def reported(found: SearchResult, chosen: Repair) -> SearchResult:
