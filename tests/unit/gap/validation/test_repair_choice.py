@@ -9,7 +9,7 @@ from motor_log import VEHICLE, log
 
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect, Unexplained
 from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, with_effects
-from swift_sim_bridge.gap.discovery.polynomial_search import Found
+from swift_sim_bridge.gap.discovery.polynomial_search import Found, equation_effects
 from swift_sim_bridge.gap.pipeline import prepare, references
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.residuals.channels import VOLTAGE
@@ -79,3 +79,19 @@ def test_a_sag_stays_where_nothing_is_unexplained():
         chosen = repair()
     assert [one.effect.id for one in chosen.names] == ["battery_sag"] and not chosen.equation
     assert np.isfinite(chosen.names[0].values).all()
+
+
+def test_a_summand_that_is_zero_within_its_error_leaves_the_repair_for_good(monkeypatch):
+    """Beside the cube of the current, which the plug takes, the charge explains nothing; it is tried all the same."""
+    true, idle = Found("voltage", "current^3", (0.0, 6e5), 0.9), Found("voltage", "charge", (0.0, 2e3), 0.1)
+    monkeypatch.setattr(repair_trials.polynomial_search, "search", lambda *_: [true, idle])
+    (channel,) = (one for one in evidence().residual_models[0].channels if one.quantity == VOLTAGE)
+    found = SearchResult((), (), evidence(), unexplained=(Unexplained(channel, 0.1, 9.0, ""),))
+    with jax.enable_x64(True):
+        judge = repair_trials.Judge(evidence(), VEHICLE, found)
+        trial = judge.trial((), equation_effects(VEHICLE, [true, idle]), (true, idle))
+        chosen = repair_choice._on_whole_flights(judge, trial, (), ())
+    (equation,) = chosen.equation
+    (name,) = (one.name for one in equation.effect.parameters)
+    assert name == true.name
+    assert equation.values == pytest.approx([-PLUG], rel=0.2)
