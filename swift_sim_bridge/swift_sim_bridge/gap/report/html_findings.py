@@ -10,6 +10,7 @@ from swift_sim_bridge.gap.report.sentences import (
     parameter_name,
     ranked,
     recording_of,
+    significance_text,
     where,
 )
 
@@ -60,7 +61,7 @@ def _card(finding: dict, report: dict) -> str:
     chip = f"<span class='chip {escape(finding['verdict'])}'>{escape(finding['verdict'])}</span>"
     sentence = quantities.html(_sentence(finding, report["channels"]))
     improved = _most_improved(finding.get("most_improved"), report["channels"])
-    evidence = f"in the {escape(finding['layer'])} layer; {finding['significance_sigma']:.0f} standard deviations"
+    evidence = f"in the {escape(finding['layer'])} layer; {significance_text(finding)}"
     return (
         f"<section class=card><div class=head><h3>{title}</h3>{chip}</div>{_bar(finding)}{improved}<p>{sentence}</p>"
         f"{body}{caution}{_confounders(finding)}<p class=small>Seen {place}; {evidence}.</p></section>"

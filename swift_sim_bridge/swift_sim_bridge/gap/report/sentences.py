@@ -44,6 +44,12 @@ def ranked(findings: list[dict]) -> list[dict]:
     return sorted(findings, key=lambda one: -one.get("removes", 0.0))
 
 
+def significance_text(finding: dict) -> str:
+    """Return the significance of a finding; beside others that imitate it a name may have none."""
+    sigma = finding["significance_sigma"]
+    return f"{sigma:.0f} standard deviations" if sigma >= 2.0 else "not significant beside the others"
+
+
 def _listed(names: list[str]) -> str:
     """Return names as a list in a sentence, each once."""
     *others, last = dict.fromkeys(names)

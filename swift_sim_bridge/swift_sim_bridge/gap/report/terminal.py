@@ -10,6 +10,7 @@ from swift_sim_bridge.gap.report.sentences import (
     likelihood_text,
     ranked,
     recording_of,
+    significance_text,
     value_lines,
     where,
 )
@@ -21,7 +22,7 @@ def terminal_text(report: dict) -> str:
     """Return the findings of a report (the content of report.json) in a few lines each, and what to do next."""
     lines = [headline(report)]
     for one in ranked(report["findings"]):
-        evidence = f"{one['significance_sigma']:.0f} standard deviations"
+        evidence = significance_text(one)
         if "removes" in one:
             evidence += f", removes {quantities.share(one['removes'])} of the error"
         lines.append(f"{one['verdict']}: {finding_name(one)}{recording_of(one)}, {evidence}. {one['sentence']}")

@@ -79,6 +79,20 @@ def test_the_terminal_compares_the_models_on_an_unseen_flight_by_axis():
     assert [line.split()[-11:] for line in lines[head + 1 : head + 4]] == [[axis, *cells] for axis in "xyz"]
 
 
+@pytest.mark.parametrize(
+    ("sigma", "text"),
+    [
+        (21.4, "21 standard deviations"),
+        (1.4, "not significant beside the others"),
+        (-0.2, "not significant beside the others"),
+    ],
+)
+def test_a_name_that_others_imitate_has_no_negative_significance(sigma, text):
+    first, *others = REPORT["findings"]
+    report = REPORT | {"findings": [{**first, "significance_sigma": sigma}, *others]}
+    assert text in terminal_text(report) and "-0 " not in terminal_text(report)
+
+
 def test_an_error_that_the_repair_does_not_change_is_no_improvement():
     unchanged = {**REPORT["improvement"]["held_out"], "one_step_rmse": {"before": 0.151, "after": 0.150}}
     unchanged["rollout_rmse_m"] = {
