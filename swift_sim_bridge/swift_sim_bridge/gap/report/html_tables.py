@@ -117,13 +117,14 @@ def _errors(held_out: dict, channels: dict) -> list[tuple[str, ...]]:
     thirds = held_out.get("thirds_of_speed_m_s", {})
     slow, fast = (quantities.significant(thirds.get(key, 0.0), 3) for key in ("slow_below", "fast_above"))
     speeds = {"slow": f"slower than {slow} m/s", "middle": f"{slow} to {fast} m/s", "fast": f"faster than {fast} m/s"}
-    rows = [("specific force", held_out.get("one_step_rmse", {}), "m/s^2")]
+    forces = "specific force; the remainder has the running level of the flight"
+    rows = [(forces, held_out.get("one_step_rmse", {}), "m/s^2")]
     rows += [
         (f"specific force {axis}, body", one, "m/s^2")
         for axis, one in held_out.get("one_step_rmse_by_axis", {}).items()
     ]
     rows += [
-        (f"specific force {axis}, each with its running level", one, "m/s^2")
+        (f"specific force {axis}, all models with a running level", one, "m/s^2")
         for axis, one in held_out.get("one_step_rmse_with_level_by_axis", {}).items()
     ]
     rows += [

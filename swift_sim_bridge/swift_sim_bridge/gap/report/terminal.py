@@ -50,5 +50,8 @@ def unseen_flights(entries: list[dict]) -> list[str]:
         for axis, errors in one["one_step_rmse_by_axis"].items():
             cells = (f"{errors[model]:.3f} ({leveled[axis][model]:.3f})" for model in MODEL_NAMES)
             rows.append((one["recording"], axis, *cells))
-    title = "On flights that no fit has used (in brackets each with its running level):"
+    title = (
+        "On flights that no fit has used; the remainder has the running level of the flight, "
+        "in brackets all models have one:"
+    )
     return [title, align(rows)] if len(rows) > 1 else []

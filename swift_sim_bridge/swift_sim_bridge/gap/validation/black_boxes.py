@@ -29,6 +29,7 @@ WITH_REMAINDER = MODELS.index("with_remainder")
 NONE = "none"  # kind of a remainder that does not join the repair
 BLOCKS = 5  # of a single flight; each is predicted by a remainder that the others give
 MIN_GAIN = 0.02  # mean over the blocks of log(RMS error without / with) from which a remainder joins
+MAX_ROWS = 4096  # of inputs at a time: each takes 45 kB beside 800 samples
 GAIN_ERRORS = 2.0  # standard errors of that mean by which it must exceed zero
 
 
@@ -98,22 +99,28 @@ class ForceErrors(NamedTuple):
 
 
 def force_errors(part: Part, models: Compared) -> ForceErrors:
-    """Return the errors of MODELS; what a recording has before the part is the past from which levels come."""
+    """Return the errors of MODELS; what a recording has before the part is the past from which levels come.
+
+    All rows of the part must be good ones of its recording.
+    """
     before, after, *_ = models.vehicles
     recording = whole(part.residual_model)
     nominal, repaired = (_samples(recording, one) for one in (before, after))
     left = (nominal, repaired, repaired, nominal, nominal)
-    errors = np.stack(
-        [
-            one.targets - np.asarray(black_box_force(box, one.inputs))
-            for one, box in zip(left, models.boxes, strict=True)
-        ]
-    )
+    errors = np.stack([one.targets - _force(box, one.inputs) for one, box in zip(left, models.boxes, strict=True)])
     t = recording.residual_model.t[recording.rows]
     leveled = np.stack([one - running_level(t, one) for one in errors])[:, part.rows[recording.rows]]
     alone = errors[:, part.rows[recording.rows]]
     alone[WITH_REMAINDER] = leveled[WITH_REMAINDER]
     return ForceErrors(alone, leveled)
+
+
+def _force(box: BlackBox, inputs) -> np.ndarray:
+    """Return the specific force (n, 3) m/s^2 of a black box, a part of a long flight after the other."""
+    if not np.any(box.targets):
+        return np.zeros((len(inputs), len(AXES)))
+    parts = np.array_split(inputs, -(-len(inputs) // MAX_ROWS))
+    return np.concatenate([black_box_force(box, part) for part in parts])
 
 
 def fit_remainder(flights: list[Samples], same_flights: bool) -> tuple[BlackBox, dict[str, str]]:

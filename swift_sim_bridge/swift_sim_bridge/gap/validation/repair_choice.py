@@ -123,7 +123,7 @@ def _weakest(trial: Trial, covariance) -> str | None:
         sizes |= dict(
             zip((one.name for one in effect.parameters), np.abs(trial.values[effect.key]) / errors, strict=True)
         )
-    weak = {name: size for name, size in sizes.items() if name in new and size < MIN_ERRORS}
+    weak = {name: size for name, size in sizes.items() if name in new and not size >= MIN_ERRORS}  # or not a number
     return min(weak, key=weak.__getitem__, default=None)
 
 

@@ -7,9 +7,10 @@ on the way, and so does a prediction that may use what the flight has measured s
 import numpy as np
 from scipy import signal
 
-TIME_S = 5.0  # after which the weight of an error has fallen by e
-DELAY_S = 0.1  # age of the newest error that is used: more than the 0.08 s that the filter of the residuals spans
+TIME_S = 5.0  # after which the weight of an error has fallen by e: longer than a manoeuvre, shorter than a discharge
+DELAY_S = 0.1  # age of the newest error that is used: its filter reaches 0.08 s on at most, none of what is predicted
 PRIOR_S = 1.0  # duration of errors of zero before the first: a few errors are no level
+TINY = 1e-30
 
 
 def running_level(t, errors) -> np.ndarray:
@@ -19,12 +20,14 @@ def running_level(t, errors) -> np.ndarray:
         t: (n,) times s on a uniform grid that may have gaps.
         errors: (n, k) at these times, NaN where nothing was measured.
     """
+    if len(t) < 2:
+        return np.zeros_like(errors)
     step = np.min(np.diff(t))
     index = np.round((t - t[0]) / step).astype(int)
     known = np.isfinite(errors)
     dense = np.zeros((2, index[-1] + 1, errors.shape[1]))
     dense[:, index] = known, np.where(known, errors, 0.0)
-    delay = np.append(np.zeros(int(np.ceil(DELAY_S / step))), 1.0)
+    delay = np.append(np.zeros(int(np.ceil(DELAY_S / step - 1e-6))), 1.0)
     weight, total = signal.lfilter(delay, [1.0, -np.exp(-step / TIME_S)], dense, axis=1)[:, index]
     prior = PRIOR_S / step * np.exp(-(t - t[0]) / TIME_S)
-    return total / (weight + prior[:, None])
+    return total / (weight + prior[:, None] + TINY)
