@@ -15,6 +15,8 @@ from swift_sim_bridge.gap.inference.sensitivity import LinearisationCache
 from swift_sim_bridge.gap.residuals.channels import Channel
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
+SIMULATOR_ERROR_SHARE = 0.002  # of a change: error of the simulation, which longer recordings do not lower
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -135,11 +137,21 @@ class SelectedEffect:
         rivals = self.rivals
         weights = np.array([1.0, *(one.weight for one in rivals)])
         means = self.values + np.array([np.zeros(len(self.values)), *(one.shift for one in rivals)])
-        errors = np.array([np.sqrt(np.diag(self.covariance)), *(one.errors for one in rivals)])
+        own = np.sqrt(np.diag(self.covariance) + self._simulator_errors() ** 2)
+        errors = np.array([own, *(one.errors for one in rivals)])
         errors = errors * special.stdtrit(max(seconds - 1, 1), 0.975) / special.ndtri(0.975)
         low, high = (mixture_quantile(share, weights / weights.sum(), means, errors) for share in (0.025, 0.975))
         ends = np.minimum(low, self.values), np.maximum(high, self.values)
         return np.clip(ends, *np.array([(one.low, one.high) for one in self.effect.parameters]).T)
+
+    def _simulator_errors(self) -> np.ndarray:
+        """Return the standard error (k,) that a strong effect has by the simulation alone: of its largest change.
+
+        Parameters of one unit share it: of four gains of rotors one may not change.
+        """
+        change = np.abs(self.changes.get(self.effect.key, np.zeros(len(self.values))))
+        units = np.array([one.unit for one in self.effect.parameters])
+        return SIMULATOR_ERROR_SHARE * np.array([change[units == unit].max() for unit in units])
 
     def excludes_file(self, seconds: int) -> np.ndarray:
         """Return for each parameter (k,) whether its 95 % interval excludes the value of the vehicle file."""

@@ -36,6 +36,15 @@ def test_without_another_explanation_the_interval_is_that_of_the_fit():
     assert interval() == pytest.approx([4.804, 5.196], abs=1e-3)
 
 
+def test_of_a_strong_effect_the_interval_is_no_smaller_than_the_error_of_the_simulation():
+    gain = (replace(DRAG.parameters[0], name=f"gain[{i}]", low=-1.0, unit="") for i in range(2))
+    gains = replace(DRAG, id="gains", parameters=(*gain, replace(DRAG.parameters[0], name="lag", low=-1.0, unit="s")))
+    change = np.array([2.0, 0.0, 0.0])  # one of two gains, and no lag
+    one = SelectedEffect(gains, change, 1e-10 * np.eye(3), 900.0, changes={"gains": change})
+    low, high = one.interval95(SECONDS)
+    assert 0.5 * (high - low) == pytest.approx(1.96 * np.array([0.004, 0.004, 1e-5]), rel=0.01)
+
+
 def test_where_another_effect_may_act_in_its_place_the_interval_reaches_the_value_of_the_file():
     assert interval(confounders={"drag": 0.6, "lift": 0.4}) == pytest.approx([3.0, 5.173], abs=1e-3)
 
