@@ -90,11 +90,11 @@ class ForceErrors(NamedTuple):
     """Errors of MODELS in the specific forces of a part of a recording.
 
     Attributes:
-        alone: (5, k, 3) m/s^2; the repair with its remainder has the running level, the others have none.
+        as_compared: (5, k, 3) m/s^2; the repair with its remainder has the running level, the others have none.
         leveled: (5, k, 3) m/s^2, of each with its running level.
     """
 
-    alone: np.ndarray
+    as_compared: np.ndarray
     leveled: np.ndarray
 
 
@@ -110,9 +110,9 @@ def force_errors(part: Part, models: Compared) -> ForceErrors:
     errors = np.stack([one.targets - _force(box, one.inputs) for one, box in zip(left, models.boxes, strict=True)])
     t = recording.residual_model.t[recording.rows]
     leveled = np.stack([one - running_level(t, one) for one in errors])[:, part.rows[recording.rows]]
-    alone = errors[:, part.rows[recording.rows]]
-    alone[WITH_REMAINDER] = leveled[WITH_REMAINDER]
-    return ForceErrors(alone, leveled)
+    as_compared = errors[:, part.rows[recording.rows]]
+    as_compared[WITH_REMAINDER] = leveled[WITH_REMAINDER]
+    return ForceErrors(as_compared, leveled)
 
 
 def _force(box: BlackBox, inputs) -> np.ndarray:
@@ -131,8 +131,9 @@ def fit_remainder(flights: list[Samples], same_flights: bool) -> tuple[BlackBox,
         same_flights: whether later parts of these flights are to be predicted: there each block is predicted from those
             before it.
     """
-    shared = len(flights) > 1  # a single flight cannot show which part of its mean is its own
-    varying = [one._replace(targets=one.targets - shared * one.targets.mean(axis=0)) for one in flights]
+    varying = flights  # a single flight cannot show which part of its mean is its own
+    if len(flights) > 1:
+        varying = [one._replace(targets=one.targets - one.targets.mean(axis=0)) for one in flights]
     splits = gaussian_process.splits(_blocks(varying), same_flights)
     process = gaussian_process.fit(_blocks(varying), same_flights)
     boxes = {"gp": _gp_box(process), "knn": _knn_box(joined(varying))}
