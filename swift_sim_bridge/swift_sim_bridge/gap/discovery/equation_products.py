@@ -26,8 +26,9 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 RATES, SPEEDS = ("omega_x", "omega_y", "omega_z"), ("v_x", "v_y", "v_z")
 AIR = ("", "v_x", "v_y", "v_z", "v_xy", "v_xy^2", "mu^2", "mu^3", "sink", "sink^2", "sink^3", "ring", "ground")
 # From where on command and speed (share of the highest) may count, and peaks of the speed, as at a resonance.
-BENDS_OF_COMMAND, BENDS_OF_SPEED = np.arange(0.1, 1.0, 0.1), np.arange(0.3, 1.0, 0.1)
-PEAKS_OF_SPEED, REACHES_OF_SPEED = np.arange(0.3, 1.0, 0.05), (0.15, 0.3)
+BENDS_OF_COMMAND, BENDS_OF_SPEED = np.arange(0.1, 1.0, 0.1), np.arange(0.3, 1.0, 0.025)
+PEAKS_OF_SPEED, REACHES_OF_SPEED = np.arange(0.3, 1.0, 0.025), (0.1, 0.15, 0.2, 0.3)
+SHARE_BELOW_FASTEST = 0.995  # of the rows, whose speed is below the fastest that counts as recorded
 IN_MOTION = (
     "1",
     *SPEEDS,
@@ -186,19 +187,23 @@ def _of_motors(residual_model: ResidualModel, vehicle: Vehicle, parameters: Para
     products = (*OF_MOTOR, *(f"over(u,{bend:.1f})" for bend in BENDS_OF_COMMAND))
     highest = vehicle.rotor_speed_range[1]
     products += tuple(f"over(Omega,{bend * highest:.0f})" for bend in BENDS_OF_SPEED)
-    products += tuple(
-        f"around(Omega,{peak * highest:.0f},{reach * highest:.0f})"
+    peaks = {
+        f"around(Omega,{peak * highest:.0f},{reach * highest:.0f})": peak * highest
         for peak in PEAKS_OF_SPEED
         for reach in REACHES_OF_SPEED
-    )
+    }
+    products += tuple(peaks)
     time, found = 0.5 * (vehicle.motor.time_constant_up + vehicle.motor.time_constant_down), []
     for i in range(speed.shape[1]):
         at = [np.interp(recording.t, record.t, part) for part in (command[:, i], record.voltage, speed[:, i])]
         if recording.has("single_rotor_speeds"):  # the vehicle's own speed, which is what the equation will meet
             at[2] = recording.rotor_speed[:, i]
         drive = quantities.Drive(*map(jnp.asarray, at), number=i + 1)
+        fastest, ones = np.quantile(at[2], SHARE_BELOW_FASTEST), np.ones_like(at[2])
         values = [
-            quantities.product_of(product, "motor").value(drive) * jnp.ones_like(drive.speed) for product in products
+            # zero for a peak beyond the recorded speeds: nothing shows that what rises falls again
+            quantities.product_of(product, "motor").value(drive) * (peaks.get(product, 0.0) < fastest) * ones
+            for product in products
         ]
         late = np.stack([lagged(np.asarray(one), recording.dt, time) for one in values], axis=-1)
         met = np.stack(values, axis=-1)[residual_model.filter.rows][residual_model.good]

@@ -63,6 +63,17 @@ class HalfRegression:
             remaining = remaining - np.einsum("ij,ij->j", total[chosen], weights)
         return [j for j in np.flatnonzero(remaining > MIN_INDEPENDENT_SHARE * diagonal) if j not in chosen]
 
+    def strongest(self, chosen: list[int], others: list[int], count: int) -> list[int]:
+        """Return those `count` of other products, independent of the chosen ones, that lower the squares most."""
+        total, gradient = self.information.sum(axis=0), self.gradient.sum(axis=0)
+        diagonal, remaining, slope = np.diag(total), np.diag(total), gradient
+        if chosen:
+            weights = solve(total[np.ix_(chosen, chosen)], total[chosen])
+            remaining = diagonal - np.einsum("ij,ij->j", total[chosen], weights)
+            slope = gradient - weights.T @ gradient[chosen]
+        free = [j for j in others if remaining[j] > MIN_INDEPENDENT_SHARE * diagonal[j]]
+        return sorted(free, key=lambda j: -(slope[j] ** 2) / remaining[j])[:count]
+
     def removed(self, rows: list[int], last: int = 1) -> float:
         """Return `lowered`, minus infinity if a coefficient of the last products differs between the halves."""
         squares, fits = self.lowered(rows)

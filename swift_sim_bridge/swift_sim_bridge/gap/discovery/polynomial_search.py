@@ -31,6 +31,8 @@ MIN_SHARE_OF_LEFT = 0.2
 # A product is tied with the best one that removes this share of the error less: where the simplest of these removes too
 # little, the best one is a chance resemblance. Of those within the noise, in independent squares, the simplest joins.
 TIE_SHARE, TIE_GAIN = 0.02, 10.0
+MAX_EXCHANGES = 12  # of chosen products for others, after each addition; each removes more
+MAX_TRIED = 8  # products in the place of a chosen one: those of the largest gain over the whole flight
 
 
 @dataclass(frozen=True)
@@ -168,12 +170,20 @@ def _problem(side: str, columns, residuals: Residuals, share: float) -> HalfRegr
             parts.append((x, y, halves))
     if not parts:
         return None
-    information = np.stack([sum(x[h[i]].T @ x[h[i]] for x, _, h in parts) for i in range(2)])
+    information = np.stack([sum(_squared(x[h[i]]) for x, _, h in parts) for i in range(2)])
     gradient = np.stack([sum(x[h[i]].T @ y[h[i]] for x, y, h in parts) for i in range(2)])
     squares = np.array([sum(float(y[h[i]] @ y[h[i]]) for _, y, h in parts) for i in range(2)])
     ranges = ranges_of(np.concatenate([one.ranges.T for one in shown]))
     noise = float(sum(len(y) for _, y, _ in parts))
     return HalfRegression(side, shown[0].names, ranges, information, gradient, squares, noise)
+
+
+def _squared(x) -> np.ndarray:
+    """Return x^T x (q, q) of values (n, q); columns of zeros, as of another rotor alone, take no time."""
+    shown = np.flatnonzero(x.any(axis=0))
+    found = np.zeros((x.shape[1], x.shape[1]))
+    found[np.ix_(shown, shown)] = x[:, shown].T @ x[:, shown]
+    return found
 
 
 def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[Level, ...]:
@@ -188,54 +198,107 @@ def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[Level, ...
 
 
 def _chosen(problem: HalfRegression, known: list[str], refused: frozenset[str]) -> list[Found]:
-    """Return the summands of one left side that join the products that are known already; see `search`."""
+    """Return the summands of one left side that join the products that are known already; see `search`.
+
+    After each addition, chosen products are exchanged for others that remove clearly more in their place (sequential
+    replacement, Miller 2002): of similar products the best one alone need not be the best beside the next one.
+    """
     offered = {j for j, one in enumerate(problem.products) if equation.name_of(problem.side, one) not in refused}
     candidates = {j for j in offered if not _is_alone(problem.products[j])}
     excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
-    tie = TIE_SHARE * excess
-    before, shares = [problem.products.index(one) for one in known], {}
+    before, chosen = [problem.products.index(one) for one in known], []
     most = MAX_SUMMANDS_OF_VOLTAGE if problem.side == "voltage" else MAX_SUMMANDS
     for _ in range(most - len(before)):
-        chosen = [*before, *shares]
-        now = problem.lowered(chosen)[0]
-        scores = {j: problem.removed([*chosen, j]) for j in problem.independent(chosen) if j in candidates}
-        tied, best = (_simplest(problem, scores, within) for within in (tie, min(tie, TIE_GAIN)))
-        least = MIN_REMOVED_SHARE * excess
+        rows = [*before, *chosen]
+        now = problem.lowered(rows)[0]
+        scores = {j: problem.removed([*rows, j]) for j in problem.independent(rows) if j in candidates}
+        least, tie = _least(problem, excess, now), TIE_SHARE * excess
         if problem.side == "rotor_speed":
-            least = min(least, MIN_SHARE_OF_LEFT * (excess - now))
-        if best is None or scores[tied] - now < max(least, MIN_GAIN):
+            tie = min(tie, least)
+        tied, best = (_simplest(problem, scores, within) for within in (tie, min(tie, TIE_GAIN)))
+        if best is None or scores[tied] - now < least:
             break
-        shares = _of_each_rotor(problem, before, shares | {best: scores[best] - now}, best, offered)
+        chosen = _with_each_rotor(problem, before, [*chosen, best], offered, excess)
+        chosen = _exchanged(problem, before, chosen, offered, excess)
     total = float(problem.squares.sum())
     return [
         Found(problem.side, problem.products[j], tuple(map(float, problem.ranges[j])), share / total)
-        for j, share in shares.items()
+        for j, share in _shares(problem, before, chosen).items()
     ]
 
 
-def _of_each_rotor(
-    problem: HalfRegression, known: list[int], shares: dict[int, float], j: int, offered: set[int]
-) -> dict[int, float]:
-    """Return the new products with what each removes, product j for each rotor alone if rotors differ clearly in it.
+def _shares(problem: HalfRegression, before: list[int], chosen: list[int]) -> dict[int, float]:
+    """Return what each chosen product removes beside those before it; of each rotor's own an equal part."""
+    alone = [j for j in chosen if _is_alone(problem.products[j])]
+    shares, known = {}, before
+    for unit in [[j] for j in chosen if j not in alone] + ([alone] if alone else []):
+        more = problem.lowered([*known, *unit])[0] - problem.lowered(known)[0]
+        shares |= dict.fromkeys(unit, more / len(unit))
+        known = [*known, *unit]
+    return shares
 
-    Rotors differ in one product at most: a second one would have as many numbers again.
+
+def _least(problem: HalfRegression, excess: float, now: float) -> float:
+    """Return what a further product must remove beside those that remove `now` of the excess."""
+    least = MIN_REMOVED_SHARE * excess
+    if problem.side == "rotor_speed":
+        least = min(least, MIN_SHARE_OF_LEFT * (excess - now))
+    return max(least, MIN_GAIN)
+
+
+def _exchanged(
+    problem: HalfRegression, before: list[int], chosen: list[int], offered: set[int], excess: float
+) -> list[int]:
+    """Return the chosen products, each in turn in exchange for one that removes as much more as a further one must.
+
+    A product of one rotor alone is exchanged for another one of this rotor.
     """
+    for _ in range(MAX_EXCHANGES):
+        now, best = problem.lowered([*before, *chosen])[0], None
+        needed = now + _least(problem, excess, now)
+        for old in chosen:
+            rows = [*before, *(j for j in chosen if j != old)]
+            like = [j for j in offered.difference(rows) if _rotor(problem.products[j]) == _rotor(problem.products[old])]
+            scores = {j: problem.removed([*rows, j]) for j in problem.strongest(rows, like, MAX_TRIED)}
+            new = _simplest(problem, scores, TIE_GAIN)
+            if new is not None and scores[new] > needed:
+                needed, best = scores[new], [*(j for j in chosen if j != old), new]
+        if best is None:
+            break
+        chosen = best
+    return chosen
+
+
+def _with_each_rotor(
+    problem: HalfRegression, before: list[int], chosen: list[int], offered: set[int], excess: float
+) -> list[int]:
+    """Return the chosen products, with one for each rotor alone in place of the last if rotors differ clearly.
+
+    They start from the last product and are exchanged: each rotor may have its peak at another speed. Rotors differ in
+    one product at most: a second one would have as many numbers again.
+    """
+    *others, j = chosen
     alone = [i for i, name in enumerate(problem.products) if _is_alone(name, problem.products[j])]
-    if not alone or not offered.issuperset(alone) or any(_is_alone(problem.products[i]) for i in (*known, *shares)):
-        return shares
-    others = {i: share for i, share in shares.items() if i != j}
-    now = problem.lowered([*known, *shares])[0]
-    more = problem.removed([*known, *others, *alone], len(alone)) - now
+    rows = [*before, *chosen]
+    if not alone or not offered.issuperset(alone) or any(_is_alone(problem.products[i]) for i in rows):
+        return chosen
+    differing = _exchanged(problem, before, [*others, *alone], offered, excess)
+    differing = sorted(differing, key=lambda i: _is_alone(problem.products[i]))
+    now = problem.lowered(rows)[0]
+    more = problem.removed([*before, *differing], len(alone)) - now
     left = float(problem.squares.sum()) - problem.noise - now
-    if more < max(MIN_SHARE_OF_LEFT * left, MIN_GAIN * len(alone)):
-        return shares
-    return others | dict.fromkeys(alone, (shares[j] + more) / len(alone))
+    return chosen if more < max(MIN_SHARE_OF_LEFT * left, MIN_GAIN * len(alone)) else differing
+
+
+def _rotor(name: str) -> str:
+    """Return the factor of a product that is 1 for one rotor alone; empty without one."""
+    first = name.partition(" ")[0]
+    return first if quantities.ROTOR_ALONE.fullmatch(first) else ""
 
 
 def _is_alone(name: str, product: str = "") -> bool:
     """Return whether a name is that of a product, or of any, for one rotor alone."""
-    rotor, _, rest = name.partition(" ")
-    return quantities.ROTOR_ALONE.fullmatch(rotor) is not None and product in ("", rest)
+    return bool(_rotor(name)) and product in ("", name.partition(" ")[2])
 
 
 def _simplest(problem: HalfRegression, scores: dict[int, float], tie: float) -> int | None:

@@ -11,7 +11,9 @@ from swift_sim_bridge.gap.inference.stepwise import SelectionProblem, accepts, e
 MIN_CONFOUNDER_WEIGHT = 0.05  # relative likelihood above which a confounder is reported
 MIN_LEAD = 3.0  # log-likelihood by which a replacement must be better; "strong" evidence (Kass and Raftery 1995)
 SIMULATOR_ERROR_SHARE = 0.002  # of an effect's gain by which candidates may differ because the simulation is inexact
-MAX_BIAS_GAIN = 60.0  # bound of the bias in a difference of two gains; the bias of a strong effect grows with it
+# Of the bias in a difference of two gains: the share by which its correction may be wrong, and a bound, since the bias
+# of a strong effect is large. In hovers, where mass and thrust coefficient cannot differ, up to 0.2 was wrong.
+BIAS_ERROR_SHARE, MAX_BIAS_ERROR = 0.5, 60.0
 MIN_LARGE_CHANGE = 2.0  # times the minimum detectable one, four times its gain
 FITTED_NOISE = 1.0  # log-likelihood that a parameter of a small effect gains without predicting anything (Akaike 1974)
 MAX_CONFOUNDER_LOSS = 0.25  # share of the gain that a confounder may lack; larger reports more confounders
@@ -145,20 +147,20 @@ def _lead(problem: SelectionProblem, others: list[str], candidate: str, key: str
     """Return the log-likelihood by which a candidate explains more than an effect beside others, less its penalty.
 
     Three things reduce the lead: differences between seconds beyond the noise (Vuong 1989: neither effect is the
-    truth), the error of the simulator as a share of a strong effect, and the bias of the pipeline, which was estimated
-    with the vehicle of the reference flights and may be as large again for the candidates.
+    truth), the error of the simulator as a share of a strong effect, and the error of the pipeline's bias, which was
+    estimated with the vehicle of the reference flights and is another one for the candidates.
     """
     difference = _gain_difference(problem.equations, problem, others, candidate, key)
-    bias = 0.0
+    bias_error = 0.0
     if problem.uncorrected is not None:
-        bias = abs(np.sum(_gain_difference(problem.uncorrected, problem, others, candidate, key) - difference))
-    bias = min(bias, MAX_BIAS_GAIN)
+        bias = np.sum(_gain_difference(problem.uncorrected, problem, others, candidate, key) - difference)
+        bias_error = min(BIAS_ERROR_SHARE * abs(bias), MAX_BIAS_ERROR)
     seconds = np.count_nonzero(problem.equations.samples)
     scatter = np.var(difference) * seconds / max(4.0 * abs(difference.sum()), 1e-300)
     inflation = max(scatter, problem.null_distribution.variance_inflation(key))  # both explain the same noise
     explained = max(problem.gain([*others, candidate]), problem.gain([*others, key])) - problem.gain(others)
     simulator_error = SIMULATOR_ERROR_SHARE * explained
-    more = np.sign(difference.sum()) * max(abs(difference.sum()) - simulator_error - bias, 0.0)
+    more = np.sign(difference.sum()) * max(abs(difference.sum()) - simulator_error - bias_error, 0.0)
     return 0.5 * more / inflation - problem.penalty(candidate) + problem.penalty(key)
 
 

@@ -126,6 +126,21 @@ def test_each_rotor_gets_a_coefficient_of_its_own_where_they_differ_clearly():
     assert len({one.split()[1] for one in peaks[:4]}) == 1
 
 
+def test_each_rotor_gets_a_peak_at_its_own_speed_in_exchange_for_the_one_that_they_share():
+    centers = {i: PEAK[0] + 80 * (i - 2.5) for i in (1, 2, 3, 4)}
+    found = of_motors({f"rotor_{i} around(Omega,{center:.0f},200)": 120.0 for i, center in centers.items()})
+    own = {int(one[6]): float(one.split("(Omega,")[1].split(",")[0]) for one in found if one.startswith("rotor_")}
+    assert set(own) == set(centers)
+    assert [own[i] for i in sorted(own)] == pytest.approx([centers[i] for i in sorted(own)], abs=45.0)
+
+
+def test_a_peak_at_a_speed_that_no_rotor_reached_is_not_offered():
+    found = of_motors({"over(Omega,1300)": 0.3})
+    fastest = np.quantile(flight(2)["rotor_speed"].values, 0.995, axis=0).max()
+    peaks = [float(one.split("(Omega,")[1].split(",")[0]) for one in found if "around(Omega" in one]
+    assert all(peak < fastest for peak in peaks)
+
+
 def test_thrust_that_each_rotor_loses_is_one_summand_of_force_and_moments():
     loss = {"thrust over(mu,0.04)": {"coefficient": -3.0, "range": [0.0, 1.0]}}
     table, file = flight(2, equation={"rotor_thrust": loss}), lissajous_flight.vehicle()

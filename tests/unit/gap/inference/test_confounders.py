@@ -30,15 +30,16 @@ def test_a_strong_effect_is_not_replaced_for_a_difference_within_the_simulators_
     assert better_replacement(problem_of((30.0, 0.0, 0.0, 0.0, 0.0), similarity=0.9), [], "similar drag")[0] == "drag"
 
 
-def test_a_difference_that_the_bias_of_the_pipeline_explains_distinguishes_no_two_effects():
+@pytest.mark.parametrize(("bias", "confounders"), [(1.0, {"drag", "similar drag"}), (0.2, {"drag"})])
+def test_a_difference_that_the_bias_of_the_pipeline_may_explain_distinguishes_no_two_effects(bias, confounders):
     parameters = (0.5, 0.0, 0.0, 0.0, 0.0)
     problem, line = problem_of(parameters, similarity=0.9), flight(100, parameters, similarity=0.9)
     unbiased = replace(problem, uncorrected=problem.equations)
     assert set(find_confounders(unbiased, ["drag"], "drag")) == {"drag"}
     difference = line.sensitivity[0] - line.sensitivity[3]
-    uncorrected = accumulate(replace(line, residual=line.residual - 0.5 * difference), problem.null_distribution.sigma)
+    uncorrected = accumulate(replace(line, residual=line.residual - bias * difference), problem.null_distribution.sigma)
     biased = replace(problem, uncorrected=uncorrected)
-    assert set(find_confounders(biased, ["drag"], "drag")) == {"drag", "similar drag"}
+    assert set(find_confounders(biased, ["drag"], "drag")) == confounders
 
 
 def test_unexplained_residuals_hide_the_difference_between_two_effects():
