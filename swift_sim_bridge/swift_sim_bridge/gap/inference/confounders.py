@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, fit_gain, solve
-from swift_sim_bridge.gap.inference.stepwise import SelectionProblem, accepts, explains, fit
+from swift_sim_bridge.gap.inference.stepwise import SelectionProblem, accepts, explains, fit, within_bounds
 
 MIN_CONFOUNDER_WEIGHT = 0.05  # relative likelihood above which a confounder is reported
 MIN_LEAD = 3.0  # log-likelihood by which a replacement must be better; "strong" evidence (Kass and Raftery 1995)
@@ -16,6 +16,7 @@ SIMULATOR_ERROR_SHARE = 0.002  # of an effect's gain by which candidates may dif
 BIAS_ERROR_SHARE, MAX_BIAS_ERROR = 0.5, 60.0
 MIN_LARGE_CHANGE = 2.0  # times the minimum detectable one, four times its gain
 FITTED_NOISE = 1.0  # log-likelihood that a parameter of a small effect gains without predicting anything (Akaike 1974)
+MAX_REST_SHARE = 0.1  # of an effect's largest change, in steps, up to which others are a small error of their own
 MAX_CONFOUNDER_LOSS = 0.25  # share of the gain that a confounder may lack; larger reports more confounders
 
 
@@ -110,6 +111,7 @@ def find_confounders(
                 scores[candidate] += problem.penalty(candidate) - problem.penalty(key) - FITTED_NOISE * more
             elif not all_count:
                 scores[candidate] += _unneeded(problem, others, candidate) - _unneeded(problem, others, key)
+    scores |= _beside_small_rest(problem, others, key, excluded | scores.keys())
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())
@@ -134,6 +136,33 @@ def _unneeded(problem: SelectionProblem, others: list[str], key: str) -> float:
     return max(scores) - 0.5 * gains[tuple(own)] / inflation
 
 
+def _beside_small_rest(problem: SelectionProblem, others: list[str], key: str, excluded: set[str]) -> dict[str, float]:
+    """Return the effects that could replace a selected one but for its smallest parameters, with their leads.
+
+    A centre of mass that is off by 8 mm along one axis and by 0.06 mm along the others may be a flapping moment in a
+    vehicle file whose centre of mass is wrong by 0.06 mm.
+    """
+    own, size = problem.rows([key]), problem.parameter_count(key)
+    change = np.abs(fit(problem.equations, problem.rows([*others, key])).estimate[-size:])
+    small = change < MAX_REST_SHARE * change.max()
+    if not small.any():
+        return {}
+    base, total, found = problem.rows(others), problem.gain([*others, key]), {}
+    rest = np.concatenate([base, own[small]])
+    gain_of_rest = fit_gain(problem.equations, rest) if len(rest) else 0.0
+    main, main_penalty = total - gain_of_rest, problem.penalty(key) * np.mean(~small)
+    for candidate in (one for one in problem.slices if one not in excluded):
+        rows = np.concatenate([rest, problem.rows([candidate])])
+        gain = fit_gain(problem.equations, rows) - gain_of_rest
+        if main - gain > MAX_CONFOUNDER_LOSS * main or gain < problem.null_distribution.threshold(candidate):
+            continue
+        inflation = problem.null_distribution.variance_inflation(candidate)
+        if within_bounds(problem, fit(problem.equations, rows, inflation), problem.parameter_count(candidate)):
+            more = _more_explained(problem, others, rows[len(base) :], key)
+            found[candidate] = more - problem.penalty(candidate) + main_penalty
+    return found
+
+
 def is_large(problem: SelectionProblem, others: list[str], key: str) -> bool:
     """Return whether an effect beside others changes by MIN_LARGE_CHANGE times its minimum detectable magnitude."""
     known, size = problem.null_distribution, problem.parameter_count(key)
@@ -144,33 +173,31 @@ def is_large(problem: SelectionProblem, others: list[str], key: str) -> bool:
 
 
 def _lead(problem: SelectionProblem, others: list[str], candidate: str, key: str) -> float:
-    """Return the log-likelihood by which a candidate explains more than an effect beside others, less its penalty.
+    """Return the log-likelihood by which a candidate explains more than an effect beside others, less its penalty."""
+    more = _more_explained(problem, others, problem.rows([candidate]), key)
+    return more - problem.penalty(candidate) + problem.penalty(key)
 
-    Three things reduce the lead: differences between seconds beyond the noise (Vuong 1989: neither effect is the
-    truth), the error of the simulator as a share of a strong effect, and the error of the pipeline's bias, which was
-    estimated with the vehicle of the reference flights and is another one for the candidates.
+
+def _more_explained(problem: SelectionProblem, others: list[str], rows, key: str) -> float:
+    """Return the log-likelihood by which parameters `rows` explain more than an effect beside others.
+
+    Three things reduce it: differences between seconds beyond the noise (Vuong 1989: neither is the truth), the error
+    of the simulator as a share of a strong effect, and the error of the pipeline's bias, which was estimated with the
+    vehicle of the reference flights and is another one for the candidates.
     """
-    difference = _gain_difference(problem.equations, problem, others, candidate, key)
+    base, own = problem.rows(others), problem.rows([*others, key])
+    rows = np.concatenate([base, rows])
+    difference = _gain_by_second(problem.equations, rows) - _gain_by_second(problem.equations, own)
     bias_error = 0.0
     if problem.uncorrected is not None:
-        bias = np.sum(_gain_difference(problem.uncorrected, problem, others, candidate, key) - difference)
-        bias_error = min(BIAS_ERROR_SHARE * abs(bias), MAX_BIAS_ERROR)
+        uncorrected = _gain_by_second(problem.uncorrected, rows) - _gain_by_second(problem.uncorrected, own)
+        bias_error = min(BIAS_ERROR_SHARE * abs(np.sum(uncorrected - difference)), MAX_BIAS_ERROR)
     seconds = np.count_nonzero(problem.equations.samples)
     scatter = np.var(difference) * seconds / max(4.0 * abs(difference.sum()), 1e-300)
     inflation = max(scatter, problem.null_distribution.variance_inflation(key))  # both explain the same noise
-    explained = max(problem.gain([*others, candidate]), problem.gain([*others, key])) - problem.gain(others)
-    simulator_error = SIMULATOR_ERROR_SHARE * explained
-    more = np.sign(difference.sum()) * max(abs(difference.sum()) - simulator_error - bias_error, 0.0)
-    return 0.5 * more / inflation - problem.penalty(candidate) + problem.penalty(key)
-
-
-def _gain_difference(
-    equations: NormalEquations, problem: SelectionProblem, others: list[str], candidate: str, key: str
-) -> np.ndarray:
-    """Return the gain of a candidate minus that of an effect, beside others, in each second (s,)."""
-    return _gain_by_second(equations, problem.rows([*others, candidate])) - _gain_by_second(
-        equations, problem.rows([*others, key])
-    )
+    explained = max(fit_gain(problem.equations, rows), problem.gain([*others, key])) - problem.gain(others)
+    errors = SIMULATOR_ERROR_SHARE * explained + bias_error
+    return 0.5 * np.sign(difference.sum()) * max(abs(difference.sum()) - errors, 0.0) / inflation
 
 
 def _gain_by_second(equations: NormalEquations, rows) -> np.ndarray:
