@@ -47,8 +47,8 @@ IN_MOTION = (
     *(f"up_{axis}" for axis in "xyz"),  # not the heading: on another path a force that follows it is another one
 )
 # The same of a share of a rotor's thrust that changes somewhere in the range of a ratio, as at a stall or in a wake.
-BENDS_OF_MU, BENDS_OF_SINK = np.arange(0.005, 0.2, 0.01), np.arange(0.1, 1.8, 0.2)
-REACHES_OF_SINK = (0.4, 0.8)
+BENDS_OF_MU, BENDS_OF_SINK = np.arange(0.005, 0.2, 0.01), np.arange(0.1, 1.8, 0.1)
+REACHES_OF_SINK = (0.3, 0.4, 0.5, 0.6, 0.8)
 OF_ROTOR = (
     *(f"thrust {one}".strip() for one in ("", "v_z", "v_xy", "v_xy^2", "mu", "mu^2", "mu^3", "ground")),
     *(f"thrust {one}" for one in ("min(v_z,0)", "sink", "sink^2", "sink^3", "ring")),

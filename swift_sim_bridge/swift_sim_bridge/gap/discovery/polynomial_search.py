@@ -21,7 +21,8 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.physics.terms import equation, quantities
 
 MAX_SUMMANDS = 4  # of one left side; more remove little and are harder to read
-MAX_SUMMANDS_OF_VOLTAGE = 1  # powers of the current are so similar that two of them would cancel each other
+# Speeds are measured so well that one more shows; powers of the current are so similar that two cancel each other.
+MAX_SUMMANDS_OF = {"rotor_speed": 5, "voltage": 1}
 MIN_REMOVED_SHARE = 0.02  # of the error of a left side beyond its noise, that a summand must remove
 MIN_EXCESS_SHARE = 0.05  # of the squares of a left side's noise, which its error beyond the noise is taken to be
 MIN_GAIN = 20.0  # squares of independent samples that a summand must remove; noise gives 10 to the best of 100
@@ -207,8 +208,7 @@ def _chosen(problem: HalfRegression, known: list[str], refused: frozenset[str]) 
     candidates = {j for j in offered if not _is_alone(problem.products[j])}
     excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
     before, chosen = [problem.products.index(one) for one in known], []
-    most = MAX_SUMMANDS_OF_VOLTAGE if problem.side == "voltage" else MAX_SUMMANDS
-    for _ in range(most - len(before)):
+    for _ in range(MAX_SUMMANDS_OF.get(problem.side, MAX_SUMMANDS) - len(before)):
         rows = [*before, *chosen]
         now = problem.lowered(rows)[0]
         scores = {j: problem.removed([*rows, j]) for j in problem.independent(rows) if j in candidates}
