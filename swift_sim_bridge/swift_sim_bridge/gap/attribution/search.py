@@ -155,7 +155,8 @@ def described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) ->
         _, significance = stepwise.accepts(problem, others, key)
         own = bare if effect.exclusive else problem
         # without rotor speeds thrust, motors and pack act through the same modelled ones: parameters decide less
-        confounders = find_confounders(own, keys, key, other_variants(others, effects), all_count=not driven)
+        variants, is_vector = other_variants(others, effects), len({one.unit for one in effect.parameters}) == 1
+        confounders = find_confounders(own, keys, key, variants, all_count=not driven, is_vector=is_vector)
         changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
         certain = few and key not in explanation.uncertain and not explanation.terms

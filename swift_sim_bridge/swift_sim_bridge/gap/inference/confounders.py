@@ -78,7 +78,12 @@ def simpler_replacement(
 
 
 def find_confounders(
-    problem: SelectionProblem, selected: list[str], key: str, excluded: Iterable[str] = (), all_count: bool = True
+    problem: SelectionProblem,
+    selected: list[str],
+    key: str,
+    excluded: Iterable[str] = (),
+    all_count: bool = True,
+    is_vector: bool = False,
 ) -> dict[str, float]:
     """Return the effects that could replace a selected one, with their relative likelihoods, itself included.
 
@@ -95,6 +100,7 @@ def find_confounders(
         excluded: effects that must not be selected.
         all_count: whether all parameters of a large effect count against it, or only those that it needs: a pack whose
             resistance alone is wrong is no less likely for the slope of its voltage, which is right.
+        is_vector: whether its parameters are of one quantity, so that some may be a small error of the file.
     """
     others = [other for other in selected if other != key]
     base, best = problem.gain(others), problem.gain(selected)
@@ -111,7 +117,8 @@ def find_confounders(
                 scores[candidate] += problem.penalty(candidate) - problem.penalty(key) - FITTED_NOISE * more
             elif not all_count:
                 scores[candidate] += _unneeded(problem, others, candidate) - _unneeded(problem, others, key)
-    scores |= _beside_small_rest(problem, others, key, excluded | scores.keys())
+    if is_vector:
+        scores |= _beside_small_rest(problem, others, key, excluded | scores.keys())
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())

@@ -98,11 +98,12 @@ def test_a_parameter_that_an_effect_does_not_need_makes_it_no_less_likely_where_
         assert set(find_confounders(problem, [key], key, all_count=False)) == {"drag", "lift"}
 
 
-@pytest.mark.parametrize(("rest", "confounders"), [(0.02, {"lift", "idle"}), (0.3, {"lift"})])
+@pytest.mark.parametrize(("rest", "confounders"), [(0.2, {"lift", "idle"}), (0.6, {"lift"})])
 def test_an_effect_beside_a_small_rest_of_a_vector_is_a_confounder_of_the_vector(rest, confounders):
     """Idle is the first of the two parameters of lift, as a flapping moment is a centre of mass along one axis."""
-    problem = problem_with_sum((0.0, 0.5, rest, 0.0, 0.0), whole=4, parts=(1,))
-    assert set(find_confounders(problem, ["lift"], "lift")) == confounders
+    problem = problem_with_sum((0.0, 3.0, rest, 0.0, 0.0), whole=4, parts=(1,))
+    assert set(find_confounders(problem, ["lift"], "lift", is_vector=True)) == confounders
+    assert set(find_confounders(problem, ["lift"], "lift")) == {"lift"}
 
 
 def test_an_effect_that_was_selected_first_is_replaced_by_one_that_explains_more():
