@@ -67,15 +67,28 @@ class Products(NamedTuple):
 
     Attributes:
         names: of the q products.
-        values: (m, q), filtered as the residual to which they belong.
+        values: (m, q), filtered as the residual to which they belong; of motors (m, q / (1 + rotors)), see `positions`.
         ranges: (q, 2) lowest and highest values that the simulator would meet in the recording.
         means: (q,) means that the values of a left side without a mean have lost; zeros elsewhere.
+        positions: of the columns of `values` among the products. Those of one motor stand twice: as the products of all
+            rotors, and as those of this rotor alone. Those of other rotors alone are zero.
     """
 
     names: tuple[str, ...]
     values: np.ndarray
     ranges: np.ndarray
     means: np.ndarray
+    positions: tuple[slice, ...] = (slice(None),)
+
+    def normal_equations(self, x, y) -> tuple[np.ndarray, np.ndarray]:
+        """Return x^T x (q, q) and x^T y (q,) of all products, for some rows of `values` and of a residual."""
+        size, square, slope = len(self.names), x.T @ x, x.T @ y
+        information, gradient = np.zeros((size, size)), np.zeros(size)
+        for row in self.positions:
+            gradient[row] = slope
+            for column in self.positions:
+                information[row, column] = square
+        return information, gradient
 
 
 def products_of_recording(residual_model: ResidualModel, vehicle: Vehicle, places) -> dict[str, dict[int, Products]]:
@@ -215,11 +228,12 @@ def _of_motors(residual_model: ResidualModel, vehicle: Vehicle, parameters: Para
 
 def _with_each_alone(shared: Products, rotor: int, count: int) -> Products:
     """Return the products of one of `count` motors, and those of each motor alone, which are zero for the others."""
+    size = len(shared.names)
     names = (*shared.names, *(f"rotor_{i + 1} {one}" for i in range(count) for one in shared.names))
-    size, shown = len(shared.names), [i == rotor for i in range(count)]
-    values = np.concatenate([shared.values, *(own * shared.values for own in shown)], axis=1)
-    ranges = np.concatenate([shared.ranges, *(own * shared.ranges for own in shown)])
-    return Products(names, values, ranges, np.zeros(size * (1 + count)))
+    ranges = np.concatenate([shared.ranges, *((i == rotor) * shared.ranges for i in range(count))])
+    begin = size * (1 + rotor)
+    positions = (slice(0, size), slice(begin, begin + size))
+    return Products(names, shared.values, ranges, np.zeros(len(names)), positions)
 
 
 def _of_pack(residual_model: ResidualModel, vehicle: Vehicle) -> Products:

@@ -156,7 +156,7 @@ def _problem(side: str, columns, residuals: Residuals, share: float) -> HalfRegr
         residuals: of the recordings.
         share: share of each recording that is used.
     """
-    parts, shown = [], []
+    parts, shown, noise = [], [], 0.0
     recorded = zip(columns, residuals.residual_models, residuals.lines, residuals.sigmas, strict=True)
     for own, one, line, sigma in recorded:
         for c, products in own.items():
@@ -168,23 +168,13 @@ def _problem(side: str, columns, residuals: Residuals, share: float) -> HalfRegr
             x = products.values[used] / sigma[c]
             y = line.residual[used, c] / sigma[c]
             halves = np.array_split(np.arange(len(used)), 2)
-            parts.append((x, y, halves))
+            parts.append([(*products.normal_equations(x[h], y[h]), float(y[h] @ y[h])) for h in halves])
+            noise += float(len(y))
     if not parts:
         return None
-    information = np.stack([sum(_squared(x[h[i]]) for x, _, h in parts) for i in range(2)])
-    gradient = np.stack([sum(x[h[i]].T @ y[h[i]] for x, y, h in parts) for i in range(2)])
-    squares = np.array([sum(float(y[h[i]] @ y[h[i]]) for _, y, h in parts) for i in range(2)])
+    information, gradient, squares = (np.stack([sum(part[i][k] for part in parts) for i in range(2)]) for k in range(3))
     ranges = ranges_of(np.concatenate([one.ranges.T for one in shown]))
-    noise = float(sum(len(y) for _, y, _ in parts))
     return HalfRegression(side, shown[0].names, ranges, information, gradient, squares, noise)
-
-
-def _squared(x) -> np.ndarray:
-    """Return x^T x (q, q) of values (n, q); columns of zeros, as of another rotor alone, take no time."""
-    shown = np.flatnonzero(x.any(axis=0))
-    found = np.zeros((x.shape[1], x.shape[1]))
-    found[np.ix_(shown, shown)] = x[:, shown].T @ x[:, shown]
-    return found
 
 
 def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[Level, ...]:
