@@ -12,6 +12,7 @@ MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they
 DISAGREEMENT_ERRORS = 2.0  # standard errors by which they may differ where that is more
 MIN_INDEPENDENT_SHARE = 1e-3  # of a product's square that the chosen ones do not contain
 ONE_HALF_SHARE = 0.02  # of a product's square, below which a half of the flight does not show it
+MAX_CANCELLED = 4.0  # squares of one product relative to those of the sum; products that cancel hold nowhere else
 RIDGE = 1e-6  # of the sum of squares of a product, added for products that are zero in one half
 
 
@@ -75,7 +76,10 @@ class HalfRegression:
         return sorted(free, key=lambda j: -(slope[j] ** 2) / remaining[j])[:count]
 
     def removed(self, rows: list[int], last: int = 1) -> float:
-        """Return `lowered`, minus infinity if a coefficient of the last products differs between the halves."""
+        """Return `lowered`, minus infinity if a coefficient of the last products differs between the halves.
+
+        The same if a product is much larger than the sum: two that cancel each other here do not on another path.
+        """
         squares, fits = self.lowered(rows)
         first, second = (one[-last:] for one in fits)
         apart = np.abs(first - second)
@@ -84,7 +88,13 @@ class HalfRegression:
             units = np.eye(len(rows))[:, -last:]
             variance = sum(np.sum(units * solve(one[np.ix_(rows, rows)], units), axis=0) for one in self.information)
             unlike &= apart > DISAGREEMENT_ERRORS * np.sqrt(variance)
-        return -np.inf if unlike.any() else squares
+        return -np.inf if unlike.any() or self._cancel(rows, sum(fits) / len(fits)) else squares
+
+    def _cancel(self, rows: list[int], coefficients: np.ndarray) -> bool:
+        """Return whether one of some products has MAX_CANCELLED times the squares of their sum."""
+        total = self.information.sum(axis=0)[np.ix_(rows, rows)]
+        of_sum = coefficients @ total @ coefficients
+        return bool(np.any(coefficients**2 * np.diag(total) > MAX_CANCELLED * of_sum))
 
     def lowered(self, rows: list[int]) -> tuple[float, list[np.ndarray]]:
         """Return by how much the coefficients of one half lower the squares of the other, both ways, and them."""
