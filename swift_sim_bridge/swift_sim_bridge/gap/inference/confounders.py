@@ -156,7 +156,7 @@ def _beside_small_rest(problem: SelectionProblem, others: list[str], key: str, e
         return {}
     base, total, found = problem.rows(others), problem.gain([*others, key]), {}
     rest = np.concatenate([base, own[small]])
-    gain_of_rest = fit_gain(problem.equations, rest) if len(rest) else 0.0
+    gain_of_rest = fit_gain(problem.equations, rest)
     main, main_penalty = total - gain_of_rest, problem.penalty(key) * np.mean(~small)
     for candidate in (one for one in problem.slices if one not in excluded):
         rows = np.concatenate([rest, problem.rows([candidate])])
